@@ -1,0 +1,1 @@
+"""Texture, rendered views, descriptors and their Gaussians, section 3.1 of the paper."""

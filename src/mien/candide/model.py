@@ -1,0 +1,132 @@
+"""CANDIDE-3: `g = s R (gbar + S sigma + A alpha) + t`, Eq. (1).
+
+J. Ahlberg, CANDIDE-3: an updated parameterised face, LiTH-ISY-R-2326, Linkoeping University, 2001.
+Axes: x to the subject's left, y up, z out of the face. One unit is about half the height of a face.
+A perspective camera sees only `s / t`, so inside mien `s = 1` and lengths are CANDIDE units;
+`mm_per_unit` gives the scale at the boundary.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.errors import require
+from mien.geometry.rotation import Array
+
+TRACKED_UNITS = (
+    "upper_lip_raiser",
+    "jaw_drop",
+    "lip_stretcher",
+    "brow_lowerer",
+    "lip_corner_depressor",
+    "outer_brow_raiser",
+)
+"""The six animation units of the state, Eq. (2), in its order."""
+
+INTERPUPILLARY_MM = 63.0
+_PUPILS = ((67, 68, 71, 72), (69, 70, 73, 74))  # iris corners of the left and of the right eye
+_EYE_OPENINGS = ((20, 97, 21, 105, 23, 107, 22, 99), (53, 98, 54, 106, 56, 108, 55, 100))
+
+
+@dataclass(frozen=True)
+class Candide:
+    """The parameterised face: mean shape, shape units, animation units, triangles.
+
+    mean: (V, 3) `gbar`; triangles: (T, 3) vertex indices, counter-clockwise seen from outside;
+    shape_units: (K, V, 3) `S`; animation_units: (L, V, 3) `A`; the names belong to their rows.
+    """
+
+    mean: Array
+    vertex_names: tuple[str, ...]
+    triangles: NDArray[np.intp]
+    shape_unit_names: tuple[str, ...]
+    shape_units: Array
+    animation_unit_names: tuple[str, ...]
+    animation_units: Array
+
+    @staticmethod
+    @cache
+    def default(surfaces: int = 184) -> Candide:
+        """The model of the package with 184 surfaces, or the 168 of version 3.1.3, without eyeballs."""
+        require(surfaces in (184, 168), f"CANDIDE-3 has 184 or 168 surfaces, not {surfaces}")
+        model = _load_tables()
+        return model if surfaces == 184 else _close_eyes(model)
+
+    def vertices(self, sigma: Array | None = None, alpha: Array | None = None) -> Array:
+        """`gbar + S sigma + A alpha` of Eq. (1): (K,), (L,) -> (V, 3) in head axes."""
+        shape = self.mean
+        if sigma is not None:
+            shape = shape + np.tensordot(sigma, self.shape_units, axes=1)
+        if alpha is not None:
+            shape = shape + np.tensordot(alpha, self.animation_units, axes=1)
+        return shape
+
+    def pose(self, vertices: Array, R: Array, t: Array, s: float = 1.0) -> Array:
+        """`s R g + t` of Eq. (1): (V, 3) head axes -> (V, 3) camera axes."""
+        return np.asarray(s * vertices @ R.T + t)
+
+    def with_units(self, names: tuple[str, ...] = TRACKED_UNITS) -> Candide:
+        """The same model with only these animation units, in this order."""
+        missing = [n for n in names if n not in self.animation_unit_names]
+        require(not missing, f"the model has no animation unit {missing}; it has {list(self.animation_unit_names)}")
+        rows = [self.animation_unit_names.index(n) for n in names]
+        return replace(self, animation_unit_names=names, animation_units=self.animation_units[rows])
+
+    def index(self, name: str) -> int:
+        """Index of the vertex with this name."""
+        require(name in self.vertex_names, f"the model has no vertex named {name!r}")
+        return self.vertex_names.index(name)
+
+
+def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -> float:
+    """Millimetres in one CANDIDE unit for a face (V, 3) whose pupils are so far apart."""
+    left, right = (vertices[list(corners)].mean(axis=0) for corners in _PUPILS)
+    return float(interpupillary_mm / np.linalg.norm(left - right))
+
+
+def _load_tables() -> Candide:
+    vertex_rows = list(_read("vertices.csv"))
+    mean = np.array([[float(r[k]) for k in "xyz"] for r in vertex_rows])
+    triangles = _outward(mean, np.array([[int(r[k]) for k in "abc"] for r in _read("triangles.csv")]))
+    shape_names, shape_units = _load_units("shape_units.csv", len(mean))
+    animation_names, animation_units = _load_units("animation_units.csv", len(mean))
+    names = tuple(r["name"] for r in vertex_rows)
+    return Candide(mean, names, triangles, shape_names, shape_units, animation_names, animation_units)
+
+
+def _load_units(table: str, vertex_count: int) -> tuple[tuple[str, ...], Array]:
+    rows = list(_read(table))
+    names = tuple(dict.fromkeys(r["unit"] for r in rows))
+    units = np.zeros((len(names), vertex_count, 3))
+    for r in rows:
+        units[names.index(r["unit"]), int(r["vertex"])] = float(r["dx"]), float(r["dy"]), float(r["dz"])
+    return names, units
+
+
+def _read(table: str) -> Iterator[dict[str, str]]:
+    with (files("mien.candide") / "data" / table).open(encoding="utf-8") as f:
+        yield from csv.DictReader(f)
+
+
+def _close_eyes(model: Candide) -> Candide:
+    """Replace the 28 surfaces of the eyeballs by a strip of six across each eye's opening."""
+    iris = [v for eye in _PUPILS for v in eye]
+    kept = model.triangles[~np.isin(model.triangles, iris).any(axis=1)]
+    strips = []
+    for outer, u1, u2, u3, inner, l1, l2, l3 in _EYE_OPENINGS:
+        strips += [(outer, u1, l3), (u1, u2, l3), (u2, l2, l3), (u2, u3, l2), (u3, l1, l2), (u3, inner, l1)]
+    return replace(model, triangles=np.vstack([kept, _outward(model.mean, np.array(strips))]))
+
+
+def _outward(mean: Array, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Order the corners so that normals point out of the face; the report's lists mix both orders."""
+    a, b, c = (mean[triangles[:, k], :2] for k in range(3))
+    inward = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    return np.where(inward[:, None], triangles[:, [0, 2, 1]], triangles)

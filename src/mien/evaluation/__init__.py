@@ -1,0 +1,1 @@
+"""Data sets, measures, tables and figures, section 4 of the paper."""

@@ -1,0 +1,68 @@
+"""The pinhole camera: projection and its Jacobian.
+
+Axes: x right, y down, z forward. Pixel centres have integer coordinates; u points right, v down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mien.errors import require
+from mien.geometry.rotation import Array
+
+DEFAULT_FOV_DEG = 60.0
+"""Horizontal field of view that is assumed when nothing is known of the camera."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Pinhole camera: focal length and principal point (cx, cy), all in pixels."""
+
+    focal_px: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        values = (self.focal_px, self.cx, self.cy)
+        require(all(math.isfinite(v) for v in values), f"camera {values} holds a value that is not finite")
+        require(self.focal_px > 0, f"the focal length must be positive, not {self.focal_px:g} pixels")
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_deg: float = DEFAULT_FOV_DEG) -> Camera:
+        """Camera of an image (pixels) with a horizontal field of view in degrees, centred."""
+        require(0 < fov_deg < 180, f"the field of view must lie between 0 and 180 degrees, not {fov_deg:g}")
+        return cls.centred(0.5 * width / math.tan(math.radians(fov_deg) / 2), width, height)
+
+    @classmethod
+    def centred(cls, focal_px: float, width: int, height: int) -> Camera:
+        """Camera with its principal point in the centre of an image of this size in pixels."""
+        return cls(float(focal_px), 0.5 * (width - 1), 0.5 * (height - 1))
+
+    def project(self, X: Array) -> tuple[Array, NDArrayBool]:
+        """Image points of camera points, and which of them lie in front of the camera.
+
+        (..., 3) in camera axes -> (..., 2) in pixels, (...) bool. Points behind the camera come back as NaN.
+        """
+        z = X[..., 2]
+        valid = z > 1e-6
+        safe = np.where(valid, z, np.nan)
+        u = self.focal_px * X[..., 0] / safe + self.cx
+        v = self.focal_px * X[..., 1] / safe + self.cy
+        return np.stack([u, v], axis=-1), valid
+
+    def J_pixel_point(self, X: Array) -> Array:
+        """Jacobian of `project`: pixels by camera point. (..., 3) -> (..., 2, 3)."""
+        x, y, z = X[..., 0], X[..., 1], X[..., 2]
+        f_z = self.focal_px / z
+        J = np.zeros((*X.shape[:-1], 2, 3))
+        J[..., 0, 0] = f_z
+        J[..., 1, 1] = f_z
+        J[..., 0, 2] = -f_z * x / z
+        J[..., 1, 2] = -f_z * y / z
+        return J
+
+
+NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]

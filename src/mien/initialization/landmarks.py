@@ -1,0 +1,145 @@
+"""Landmarks of the first frame: which point of an annotation is which vertex of CANDIDE; files.
+
+A set of landmarks has a scheme, which fixes how many points there are and what they mean:
+`candide26` (the landmarks that are tracked), `ibug68`, or `mediapipe478`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.errors import require
+from mien.geometry.rotation import Array
+
+LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
+    {
+        "right_brow_outer": 48,
+        "right_brow_top": 49,
+        "right_brow_inner": 50,
+        "left_brow_inner": 17,
+        "left_brow_top": 16,
+        "left_brow_outer": 15,
+        "right_eye_outer_corner": 53,
+        "right_eyelid_upper_mid": 54,
+        "right_eye_inner_corner": 56,
+        "right_eyelid_lower_mid": 55,
+        "left_eye_inner_corner": 23,
+        "left_eyelid_upper_mid": 21,
+        "left_eye_outer_corner": 20,
+        "left_eyelid_lower_mid": 22,
+        "nose_bump": 94,
+        "nose_tip": 5,
+        "right_nostril_outer": 59,
+        "nose_base_mid": 6,
+        "left_nostril_outer": 26,
+        "right_mouth_corner_outer": 64,
+        "right_upper_lip_peak": 66,
+        "upper_lip_outer": 7,
+        "left_upper_lip_peak": 33,
+        "left_mouth_corner_outer": 31,
+        "lower_lip_outer": 8,
+        "chin_boss": 9,
+    }
+)
+"""The 26 landmarks, by name, and their vertices: corners and edges where a gradient histogram can tell a
+displacement, on every part that the six animation units move. `docs/method.md` gives the reasons."""
+LANDMARK_NAMES = tuple(LANDMARK_VERTICES)
+
+# Point of the annotation -> vertex of CANDIDE, for the points whose meaning both sides share.
+_IBUG68: dict[int, int] = {
+    8: 10,  # chin
+    17: 48, 19: 49, 21: 50, 22: 17, 24: 16, 26: 15,  # brows
+    27: 94, 30: 5, 31: 59, 33: 6, 35: 26,  # nose
+    36: 53, 39: 56, 42: 23, 45: 20,  # corners of the eyes
+    37: 98, 38: 106, 40: 108, 41: 100, 43: 105, 44: 97, 46: 99, 47: 107,  # lids
+    48: 64, 50: 66, 51: 7, 52: 33, 54: 31, 57: 8,  # outer lips
+    60: 89, 62: 87, 64: 88, 66: 40,  # inner lips
+}  # fmt: skip
+_MEDIAPIPE478: dict[int, int] = {
+    152: 10,  # chin
+    46: 48, 105: 49, 107: 50, 336: 17, 334: 16, 276: 15,  # brows
+    6: 94, 4: 5, 64: 59, 2: 6, 294: 26,  # nose
+    33: 53, 133: 56, 362: 23, 263: 20,  # corners of the eyes
+    159: 54, 145: 55, 386: 21, 374: 22,  # lids
+    160: 98, 158: 106, 153: 108, 144: 100, 385: 105, 387: 97, 373: 99, 380: 107,
+    61: 64, 37: 66, 0: 7, 267: 33, 291: 31, 17: 8,  # outer lips
+    78: 89, 13: 87, 308: 88, 14: 40,  # inner lips
+}  # fmt: skip
+_CANDIDE26 = {i: v for i, v in enumerate(LANDMARK_VERTICES.values())}
+_SCHEMES: dict[str, tuple[int, dict[int, int]]] = {
+    "candide26": (26, _CANDIDE26),
+    "ibug68": (68, _IBUG68),
+    "mediapipe478": (478, _MEDIAPIPE478),
+}
+SCHEMES = tuple(_SCHEMES)
+
+MINIMUM_FACE_PX = 40.0
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Annotated or detected points of one face in one frame.
+
+    points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, growing away from
+    the camera, where the source estimates it; frame_index and time (seconds) of the frame they belong to.
+    """
+
+    points: Array
+    scheme: str
+    depths: Array | None = None
+    frame_index: int = 0
+    time: float = 0.0
+    source: str = "landmarks"
+
+    def __post_init__(self) -> None:
+        require(self.scheme in _SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
+        count = _SCHEMES[self.scheme][0]
+        require(
+            np.shape(self.points) == (count, 2),
+            f"{self.source}: {self.scheme} needs {count} points with two coordinates, not {np.shape(self.points)}",
+        )
+        require(
+            bool(np.isfinite(self.points).all()),
+            f"{self.source}: a landmark is not a finite number; annotate every point",
+        )
+
+    def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:
+        """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) where known."""
+        pairs = _SCHEMES[self.scheme][1]
+        rows = np.fromiter(pairs, dtype=np.intp)
+        vertices = np.fromiter(pairs.values(), dtype=np.intp)
+        return vertices, self.points[rows], None if self.depths is None else self.depths[rows]
+
+    def check(self, width: int, height: int) -> None:
+        """Refuse points outside the image and faces that are too small to track."""
+        _, points, _ = self.correspondences()
+        margin = 0.25 * float(np.ptp(points, axis=0).max())
+        low, high = points.min(axis=0), points.max(axis=0)
+        inside = low.min() >= -margin and high[0] <= width - 1 + margin and high[1] <= height - 1 + margin
+        require(
+            bool(inside),
+            f"{self.source}: landmarks lie outside the image of {width}x{height} pixels; "
+            "check that they belong to this video",
+        )
+        size = float(np.ptp(self.points, axis=0).max())
+        require(
+            size >= MINIMUM_FACE_PX,
+            f"{self.source}: the face measures {size:.0f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
+            "enlarge or crop the video",
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "scheme": self.scheme,
+            "frame": self.frame_index,
+            "time": self.time,
+            "points": np.round(self.points, 3).tolist(),
+            "depths": None if self.depths is None else np.round(self.depths, 3).tolist(),
+        }

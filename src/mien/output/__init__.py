@@ -1,0 +1,1 @@
+"""Tracks on disk, overlays and plots."""

@@ -1,0 +1,1 @@
+"""The posterior and its optimisation, section 3.2 of the paper."""

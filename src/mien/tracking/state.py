@@ -1,0 +1,109 @@
+"""What a tracker says of a frame, and the protocol that every tracker follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.candide.model import TRACKED_UNITS
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array, euler_from_matrix, euler_jacobian, exp, log
+from mien.initialization.landmarks import Landmarks
+from mien.video import Frame
+
+STATE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz", *TRACKED_UNITS)
+"""The twelve entries of the state b, Eq. (2)."""
+
+
+class Status(str, Enum):
+    """What became of the face in a frame."""
+
+    INITIALIZED = "initialized"
+    TRACKED = "tracked"
+    RECOVERED = "recovered"
+    LOST = "lost"
+
+    @property
+    def success(self) -> bool:
+        return self is not Status.LOST
+
+
+@dataclass(frozen=True)
+class TrackedLandmarks:
+    """Landmarks of one frame: n names, (n, 2) pixels, (n, 3) CANDIDE units in camera axes.
+
+    visibility: (n,) in [0, 1], 0 where the landmark is hidden; distance: (n,) Mahalanobis distance of what
+    was seen from what was expected. What a tracker does not estimate is None.
+    """
+
+    names: tuple[str, ...]
+    image: Array
+    camera: Array | None = None
+    visibility: Array | None = None
+    distance: Array | None = None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a tracker knows after one frame. A lost face has status LOST and no rotation.
+
+    rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
+    of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
+    turns the estimate into the truth; confidence in [0, 1]: the probability that the rotation is right to
+    5 degrees. What a tracker does not estimate is None. mm_per_unit converts lengths at the boundary.
+    """
+
+    index: int
+    time: float
+    status: Status
+    rotation: Array | None = None
+    translation: Array | None = None
+    animation: Array | None = None
+    covariance: Array | None = None
+    landmarks: TrackedLandmarks | None = None
+    confidence: float = 0.0
+    mm_per_unit: float = 1.0
+    reason: str = ""
+
+    @classmethod
+    def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:
+        """The estimate of a frame without a face, and why."""
+        return cls(frame.index, frame.time, Status.LOST, mm_per_unit=mm_per_unit, reason=reason)
+
+    @property
+    def euler(self) -> Array | None:
+        """Angles (3,) in radians of `R = Rx Ry Rz` in camera axes, zero when facing the camera."""
+        return None if self.rotation is None else euler_from_matrix(self.rotation @ FACING)
+
+    @property
+    def euler_sd(self) -> Array | None:
+        """Standard deviations (3,) in radians of `euler`."""
+        if self.rotation is None or self.covariance is None:
+            return None
+        J = euler_jacobian(self.rotation @ FACING)
+        return np.sqrt(np.maximum(np.diag(J @ self.covariance[:3, :3] @ J.T), 0.0))
+
+
+class Tracker(Protocol):
+    """A tracker of one face. It never raises for a lost face: that is a status."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate: ...
+
+    def track(self, frame: Frame) -> Estimate: ...
+
+
+def pack(R: Array, t: Array, animation: Array) -> Array:
+    """State b of Eq. (2): (3, 3), (3,), (6,) -> (12,), the rotation as the vector from `FACING`."""
+    return np.concatenate([log(R @ FACING), t, animation])
+
+
+def unpack(b: Array) -> tuple[Array, Array, Array]:
+    """Inverse of `pack`: (12,) -> R (3, 3) head -> camera, t (3,), animation (6,)."""
+    return exp(b[:3]) @ FACING, b[3:6], b[6:]
+
+
+Mask = NDArray[np.bool_]
