@@ -1,0 +1,116 @@
+"""CANDIDE-3: its counts, its units, its surfaces, and Eq. (1) by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from strategies import animations, head_rotations, head_translations
+
+from mien.candide.model import TRACKED_UNITS, Candide, mm_per_unit
+from mien.errors import MienError
+from mien.geometry.rotation import FACING, Array
+from mien.initialization.landmarks import LANDMARK_VERTICES
+
+MODEL = Candide.default()
+
+
+def _normals(model: Candide) -> Array:
+    a, b, c = (model.mean[model.triangles[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def test_counts_of_the_report() -> None:
+    assert MODEL.mean.shape == (113, 3)
+    assert MODEL.triangles.shape == (184, 3)
+    assert MODEL.shape_units.shape == (38, 113, 3)
+    assert MODEL.animation_units.shape == (len(MODEL.animation_unit_names), 113, 3)
+
+
+def test_the_variant_has_168_surfaces_and_no_iris() -> None:
+    model = Candide.default(168)
+    assert model.triangles.shape == (168, 3)
+    assert not np.isin(model.triangles, range(67, 75)).any()
+
+
+def test_other_variants_are_refused() -> None:
+    with pytest.raises(MienError, match="184 or 168"):
+        Candide.default(100)
+
+
+@pytest.mark.parametrize("surfaces", [184, 168])
+def test_surfaces_are_distinct_and_face_outwards(surfaces: int) -> None:
+    model = Candide.default(surfaces)
+    assert len({tuple(sorted(t)) for t in model.triangles.tolist()}) == surfaces
+    assert all(len(set(t)) == 3 for t in model.triangles.tolist())
+    assert (_normals(model)[:, 2] >= 0).all()
+
+
+def test_unused_vertices_belong_to_no_surface() -> None:
+    unused = {i for i, name in enumerate(MODEL.vertex_names) if name == "unused"}
+    assert unused.isdisjoint(MODEL.triangles.ravel().tolist())
+
+
+def test_landmarks_belong_to_the_surface() -> None:
+    assert len(LANDMARK_VERTICES) == 26
+    assert set(LANDMARK_VERTICES.values()) <= set(MODEL.triangles.ravel().tolist())
+
+
+def test_eq_1_by_hand() -> None:
+    """The top of the skull with half a unit of head height, then facing a camera, scaled and moved."""
+    sigma = np.zeros(len(MODEL.shape_unit_names))
+    sigma[MODEL.shape_unit_names.index("head_height")] = 0.5
+    alpha = np.zeros(len(MODEL.animation_unit_names))
+    alpha[MODEL.animation_unit_names.index("jaw_drop")] = 1
+    g = MODEL.vertices(sigma, alpha)
+    np.testing.assert_allclose(g[0], [0, 1.061 + 0.5 * 0.2, -0.371])
+    posed = MODEL.pose(g, FACING, np.array([1.0, 2, 10]), s=2)
+    np.testing.assert_allclose(posed[0], [0 + 1, -2 * 1.161 + 2, 2 * 0.371 + 10])
+    chin = MODEL.index("chin_boss")
+    assert g[chin, 1] < MODEL.mean[chin, 1]
+
+
+@given(animations(), animations())
+def test_animation_is_linear(a: Array, b: Array) -> None:
+    model = MODEL.with_units()
+    moved = model.vertices(alpha=a) + model.vertices(alpha=b) - model.mean
+    np.testing.assert_allclose(model.vertices(alpha=a + b), moved, atol=1e-12)
+
+
+@given(head_rotations(), head_translations())
+def test_pose_keeps_distances(R: Array, t: Array) -> None:
+    posed = MODEL.pose(MODEL.mean, R, t)
+    before = np.linalg.norm(np.diff(MODEL.mean, axis=0), axis=1)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(posed, axis=0), axis=1), before, atol=1e-9)
+
+
+def test_tracked_units_in_their_order() -> None:
+    model = MODEL.with_units()
+    assert model.animation_unit_names == TRACKED_UNITS
+    jaw = MODEL.animation_units[MODEL.animation_unit_names.index("jaw_drop")]
+    np.testing.assert_array_equal(model.animation_units[1], jaw)
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(MienError, match="ear_wiggler"):
+        MODEL.with_units(("ear_wiggler",))
+    with pytest.raises(MienError, match="tail"):
+        MODEL.index("tail")
+
+
+@pytest.mark.parametrize("unit", TRACKED_UNITS)
+def test_units_move_both_sides_alike(unit: str) -> None:
+    """CANDIDE is symmetric: the mirrored set of displaced vertices is the set itself."""
+    moved = MODEL.with_units((unit,)).animation_units[0]
+    rows = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
+    points = MODEL.mean[rows]
+    mirror = np.array([np.argmin(np.linalg.norm(points - p * [-1, 1, 1], axis=1)) for p in points])
+    np.testing.assert_allclose(points[mirror], points * [-1, 1, 1], atol=0.02)
+    np.testing.assert_allclose(moved[rows][mirror], moved[rows] * [-1, 1, 1], atol=0.02)
+
+
+def test_millimetres() -> None:
+    scale = mm_per_unit(MODEL.mean)
+    assert mm_per_unit(2 * MODEL.mean) == pytest.approx(scale / 2)
+    assert mm_per_unit(MODEL.mean, 126) == pytest.approx(2 * scale)
+    assert 100 < scale < 200  # a face is about 20 cm high, and one unit about half of that

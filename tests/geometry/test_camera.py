@@ -1,0 +1,57 @@
+"""The pinhole camera: projection, validity, Jacobian."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from strategies import cameras, head_translations
+
+from mien.errors import MienError
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+
+
+def test_project_by_hand() -> None:
+    points, valid = Camera(100, 160, 120).project(np.array([[0.0, 0, 2], [1, -0.5, 2]]))
+    np.testing.assert_allclose(points, [[160, 120], [210, 95]])
+    assert valid.all()
+
+
+def test_points_behind_the_camera_are_not_valid_and_nan() -> None:
+    points, valid = Camera(100, 160, 120).project(np.array([[1.0, 1, 5], [1, 1, -5], [1, 1, 0]]))
+    assert valid.tolist() == [True, False, False]
+    assert np.isfinite(points[0]).all()
+    assert np.isnan(points[1:]).all()
+
+
+@given(cameras(), head_translations())
+def test_jacobian_against_differences(camera: Camera, X: Array) -> None:
+    step = 1e-5
+    columns = [
+        (camera.project(X + step * e)[0] - camera.project(X - step * e)[0]) / (2 * step) for e in np.eye(3)
+    ]
+    np.testing.assert_allclose(camera.J_pixel_point(X), np.stack(columns, axis=-1), atol=1e-5)
+
+
+@given(cameras(), head_translations())
+def test_scale_cannot_be_seen(camera: Camera, X: Array) -> None:
+    np.testing.assert_allclose(camera.project(3 * X)[0], camera.project(X)[0], atol=1e-8)
+
+
+def test_field_of_view_reaches_the_borders() -> None:
+    camera = Camera.from_fov(320, 240, 90)
+    assert camera.focal_px == pytest.approx(160)
+    assert (camera.cx, camera.cy) == (159.5, 119.5)
+
+
+@pytest.mark.parametrize("values", [(0, 1, 1), (-5, 1, 1), (float("nan"), 1, 1), (100, float("inf"), 1)])
+def test_bad_cameras_are_refused(values: tuple[float, float, float]) -> None:
+    with pytest.raises(MienError):
+        Camera(*values)
+
+
+@pytest.mark.parametrize("fov", [0, -10, 180, 270])
+def test_bad_fields_of_view_are_refused(fov: float) -> None:
+    with pytest.raises(MienError, match="field of view"):
+        Camera.from_fov(320, 240, fov)
