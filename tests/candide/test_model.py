@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from strategies import animations, head_rotations, head_translations
 
 from mien.candide.model import TRACKED_UNITS, Candide, mm_per_unit
 from mien.errors import MienError
 from mien.geometry.rotation import FACING, Array
 from mien.initialization.landmarks import LANDMARK_VERTICES
+from strategies import animations, head_rotations, head_translations
 
 MODEL = Candide.default()
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from strategies import cameras, head_translations
 
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
+from strategies import cameras, head_translations
 
 
 def test_project_by_hand() -> None:

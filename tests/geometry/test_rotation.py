@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from strategies import euler_angles, rotation_vectors, rotations, unit_vectors, vectors
 
 from mien.geometry.rotation import (
     FACING,
@@ -19,6 +18,7 @@ from mien.geometry.rotation import (
     log,
     matrix_from_euler,
 )
+from strategies import euler_angles, rotation_vectors, rotations, unit_vectors, vectors
 
 
 @given(vectors(-5, 5), vectors(-5, 5))

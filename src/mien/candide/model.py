@@ -75,7 +75,10 @@ class Candide:
     def with_units(self, names: tuple[str, ...] = TRACKED_UNITS) -> Candide:
         """The same model with only these animation units, in this order."""
         missing = [n for n in names if n not in self.animation_unit_names]
-        require(not missing, f"the model has no animation unit {missing}; it has {list(self.animation_unit_names)}")
+        require(
+            not missing,
+            f"the model has no animation unit {missing}; it has {list(self.animation_unit_names)}",
+        )
         rows = [self.animation_unit_names.index(n) for n in names]
         return replace(self, animation_unit_names=names, animation_units=self.animation_units[rows])
 
@@ -94,7 +97,7 @@ def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -
 def _load_tables() -> Candide:
     vertex_rows = list(_read("vertices.csv"))
     mean = np.array([[float(r[k]) for k in "xyz"] for r in vertex_rows])
-    triangles = _outward(mean, np.array([[int(r[k]) for k in "abc"] for r in _read("triangles.csv")]))
+    triangles = outward(mean, np.array([[int(r[k]) for k in "abc"] for r in _read("triangles.csv")]))
     shape_names, shape_units = _load_units("shape_units.csv", len(mean))
     animation_names, animation_units = _load_units("animation_units.csv", len(mean))
     names = tuple(r["name"] for r in vertex_rows)
@@ -122,10 +125,10 @@ def _close_eyes(model: Candide) -> Candide:
     strips = []
     for outer, u1, u2, u3, inner, l1, l2, l3 in _EYE_OPENINGS:
         strips += [(outer, u1, l3), (u1, u2, l3), (u2, l2, l3), (u2, u3, l2), (u3, l1, l2), (u3, inner, l1)]
-    return replace(model, triangles=np.vstack([kept, _outward(model.mean, np.array(strips))]))
+    return replace(model, triangles=np.vstack([kept, outward(model.mean, np.array(strips))]))
 
 
-def _outward(mean: Array, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+def outward(mean: Array, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
     """Order the corners so that normals point out of the face; the report's lists mix both orders."""
     a, b, c = (mean[triangles[:, k], :2] for k in range(3))
     inward = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
