@@ -12,6 +12,8 @@ import mien
 
 LAYERS = (
     ("_version", "errors"),
+    ("files",),
+    ("files",),
     ("config",),
     ("video",),
     ("geometry",),

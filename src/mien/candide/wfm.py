@@ -18,6 +18,7 @@ import numpy as np
 
 from mien.candide.model import Candide, outward
 from mien.errors import MienError
+from mien.files import whole_file
 from mien.geometry.rotation import Array
 
 
@@ -89,7 +90,8 @@ def write_wfm(path: str | Path, wfm: Wfm) -> None:
     ]
     text = "\n\n".join("\n".join(lines) for lines in lists) + "\n"
     try:
-        Path(path).write_text(text, encoding="utf-8")
+        with whole_file(Path(path)) as file:
+            file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise MienError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error
 

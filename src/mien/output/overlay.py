@@ -1,0 +1,245 @@
+"""Pictures of an estimate on its frame: mesh, landmarks, pose axes, a line of text; and their video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.errors import MienError, require
+from mien.files import temporary_beside, whole_file
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.tracking.state import Estimate, TrackedLandmarks
+from mien.video import Frame
+
+Pixels = NDArray[np.uint8]
+
+SMALLEST_WIDTH = 640
+"""Narrower frames are enlarged by a whole factor before they are drawn upon, so that the mesh stays fine."""
+MESH = (120, 220, 255)
+SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
+AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
+TEXT, LOST_TEXT = (255, 255, 255), (255, 110, 100)
+AXIS_LENGTH = 0.9  # CANDIDE units
+TIME_BASE = Fraction(1, 90_000)
+_SHIFT = 4  # OpenCV draws between the pixels, with this many binary digits
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A posed face: vertices (V, 3) in camera axes, triangles (T, 3), counter-clockwise seen from outside."""
+
+    vertices: Array
+    triangles: NDArray[np.intp]
+
+
+def draw(frame: Frame, estimate: Estimate, mesh: Mesh | None, camera: Camera) -> Pixels:
+    """What the tracker says of the frame, drawn on it: (H, W, 3) RGB, the frame's size or a multiple.
+
+    The mesh shows its visible triangles. Landmarks are green when seen, yellow when doubtful, red rings when
+    hidden. The axes are those of the head: red to the subject's left, green up, blue out of the face.
+    """
+    canvas, scale = _enlarge(frame)
+    if mesh is not None and estimate.status.success:
+        _draw_mesh(canvas, mesh, camera, scale)
+    if estimate.landmarks is not None:
+        _draw_landmarks(canvas, estimate.landmarks, scale)
+    _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
+    _draw_text(canvas, _caption(estimate), TEXT if estimate.status.success else LOST_TEXT)
+    return canvas
+
+
+def draw_mesh(
+    frame: Frame,
+    vertices: Array,
+    triangles: NDArray[np.intp],
+    camera: Camera,
+    landmarks: Array | None = None,
+) -> Pixels:
+    """The fitted mesh (V, 3) in camera axes, (T, 3) and the landmarks (n, 2) in pixels, to check by eye."""
+    canvas, scale = _enlarge(frame)
+    _draw_mesh(canvas, Mesh(vertices, triangles), camera, scale)
+    if landmarks is not None:
+        _draw_points(canvas, landmarks * scale + (scale - 1) / 2, [SEEN] * len(landmarks))
+    return canvas
+
+
+def save_png(path: Path, pixels: Pixels) -> None:
+    """Write (H, W, 3) RGB pixels as a PNG that appears whole or not at all."""
+    encoded, buffer = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+    require(bool(encoded), f"{path}: the picture cannot be encoded")
+    with whole_file(path) as file:
+        file.write_bytes(buffer.tobytes())
+
+
+class OverlayWriter:
+    """An H.264 video in an MP4 file that keeps every frame's own time and takes its name when it is closed.
+
+    with OverlayWriter(path) as writer:
+        writer.write(pixels, time)
+    The first picture gives the size; an odd one loses its last row or column, which the format asks for.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._last_pts, self._start = -1, 0.0
+        with self._named_errors():
+            self._beside = temporary_beside(path)
+            self._container = av.open(str(self._beside), "w", format="mp4")
+        self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
+        self._stream.pix_fmt = "yuv420p"
+        self._stream.codec_context.time_base = TIME_BASE
+
+    def __enter__(self) -> OverlayWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, pixels: Pixels, time: float) -> None:
+        """Append (H, W, 3) RGB pixels, shown from `time` seconds on."""
+        if self._last_pts < 0:
+            self._start = time
+            self._stream.height, self._stream.width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
+        even = np.ascontiguousarray(pixels[: self._stream.height, : self._stream.width])
+        picture = av.VideoFrame.from_ndarray(even, format="rgb24")
+        # The format wants times that grow: a frame that repeats its predecessor's time gets the next tick.
+        self._last_pts = max(round((time - self._start) / TIME_BASE), self._last_pts + 1)
+        picture.pts, picture.time_base = self._last_pts, TIME_BASE
+        with self._named_errors():
+            self._container.mux(self._stream.encode(picture))
+
+    def close(self) -> None:
+        """Finish the file and give it its name. A video without a picture leaves no file."""
+        try:
+            with self._named_errors():
+                if self._last_pts >= 0:
+                    self._container.mux(self._stream.encode())
+                self._container.close()
+                if self._last_pts >= 0:
+                    self._beside.chmod(0o644)
+                    self._beside.replace(self.path)
+        finally:
+            self._beside.unlink(missing_ok=True)
+
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise MienError(f"{self.path} cannot be written ({reason}); choose another place") from error
+
+
+def _enlarge(frame: Frame) -> tuple[Pixels, int]:
+    """A copy to draw on, and by what it is larger than the frame."""
+    scale = max(1, round(SMALLEST_WIDTH / frame.width))
+    if scale == 1:
+        return np.array(frame.pixels), 1
+    size = (frame.width * scale, frame.height * scale)
+    return np.asarray(cv2.resize(frame.pixels, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8), scale
+
+
+def _to_canvas(X: Array, camera: Camera, scale: int) -> Array:
+    """Points of the enlarged picture: (n, 3) camera axes -> (n, 2); NaN behind the camera."""
+    return camera.project(X)[0] * scale + (scale - 1) / 2
+
+
+def _fixed_point(p: Array) -> NDArray[np.int32]:
+    """Points for OpenCV's drawing between the pixels."""
+    return np.asarray(np.round(np.clip(p, -1e4, 1e4) * (1 << _SHIFT)), dtype=np.int32)
+
+
+def _draw_mesh(canvas: Pixels, mesh: Mesh, camera: Camera, scale: int) -> None:
+    p = _to_canvas(mesh.vertices, camera, scale)
+    edges = _visible_edges(p, mesh.triangles)
+    layer = canvas.copy()
+    cv2.polylines(layer, list(_fixed_point(p[edges])), False, MESH, 1, cv2.LINE_AA, _SHIFT)
+    cv2.addWeighted(layer, 0.8, canvas, 0.2, 0, dst=canvas)
+
+
+def _visible_edges(p: Array, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+    """(E, 2) edges, each once, of the triangles that show their outer side; p (V, 2) with v pointing down."""
+    a, b, c = (p[triangles[:, k]] for k in range(3))
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    seen = triangles[area < 0]  # counter-clockwise from outside, clockwise in the image's axes; NaN is unseen
+    edges = np.vstack([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]])
+    return np.asarray(np.unique(np.sort(edges, axis=1), axis=0))
+
+
+def _draw_landmarks(canvas: Pixels, landmarks: TrackedLandmarks, scale: int) -> None:
+    visibility = landmarks.visibility
+    v = np.ones(len(landmarks.image)) if visibility is None else visibility
+    colours = [SEEN if x > 0.75 else DOUBTFUL if x > 0.25 else HIDDEN for x in v]
+    _draw_points(canvas, landmarks.image * scale + (scale - 1) / 2, colours)
+
+
+def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int, int]]) -> None:
+    """Dots with a dark rim; the hidden ones are rings."""
+    radius = max(2.6, canvas.shape[1] / 250)
+    for point, colour in zip(points, colours, strict=True):
+        if not np.isfinite(point).all():
+            continue
+        centre, r = tuple(_fixed_point(point).tolist()), int(radius * (1 << _SHIFT))
+        if colour == HIDDEN:
+            cv2.circle(canvas, centre, r, colour, 1, cv2.LINE_AA, _SHIFT)
+        else:
+            cv2.circle(canvas, centre, r + 14, (20, 30, 40), -1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(canvas, centre, r, colour, -1, cv2.LINE_AA, _SHIFT)
+
+
+def _axes_origin(estimate: Estimate, mesh: Mesh | None) -> Array | None:
+    """The tip of the nose where it is known, else the origin of the head: (3,) camera axes."""
+    if mesh is not None:
+        return np.asarray(mesh.vertices[LANDMARK_VERTICES["nose_tip"]])
+    known = estimate.landmarks
+    if known is not None and known.camera is not None and "nose_tip" in known.names:
+        return np.asarray(known.camera[known.names.index("nose_tip")])
+    return estimate.translation
+
+
+def _draw_axes(canvas: Pixels, estimate: Estimate, origin: Array | None, camera: Camera, scale: int) -> None:
+    if estimate.rotation is None or origin is None:
+        return
+    tips = origin + AXIS_LENGTH * estimate.rotation.T
+    p = _to_canvas(np.vstack([origin, tips]), camera, scale)
+    if not np.isfinite(p).all():
+        return
+    start, *ends = (tuple(q) for q in _fixed_point(p).tolist())
+    towards_camera = np.argsort(-tips[:, 2])  # the nearest axis is drawn last
+    for k in towards_camera:
+        cv2.line(canvas, start, ends[k], (20, 30, 40), 4, cv2.LINE_AA, _SHIFT)
+        cv2.line(canvas, start, ends[k], AXES[k], 2, cv2.LINE_AA, _SHIFT)
+
+
+def _caption(estimate: Estimate) -> str:
+    """`tracked  97%  yaw +12.3  pitch -4.0  roll +0.8`, or why the face is lost."""
+    if estimate.euler is None:
+        return f"{estimate.status.value}  {estimate.reason}".strip()
+    pitch, yaw, roll = np.degrees(estimate.euler)
+    return (
+        f"{estimate.status.value}  {100 * estimate.confidence:.0f}%"
+        f"   yaw {yaw:+.1f}  pitch {pitch:+.1f}  roll {roll:+.1f}"
+    )
+
+
+def _draw_text(canvas: Pixels, text: str, colour: tuple[int, int, int]) -> None:
+    """One line on a dark strip at the lower border, as large as the width allows."""
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, max(0.45, canvas.shape[1] / 1300)
+    (width, height), baseline = cv2.getTextSize(text, font, size, 1)
+    size *= min(1.0, (canvas.shape[1] - 16) / max(width, 1))
+    top = canvas.shape[0] - height - baseline - 8
+    canvas[top:] = (0.4 * canvas[top:]).astype(np.uint8)
+    cv2.putText(canvas, text, (8, canvas.shape[0] - baseline - 3), font, size, colour, 1, cv2.LINE_AA)
