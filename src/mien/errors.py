@@ -1,8 +1,19 @@
-"""The one error a user of mien is meant to see."""
+"""The one error, and the one warning, that a user of mien is meant to see."""
+
+import warnings
 
 
 class MienError(ValueError):
     """Bad input: the message names the file or value and the remedy."""
+
+
+class MienWarning(UserWarning):
+    """Something was put right or left out: the message names the file or value and what was done."""
+
+
+def warn(message: str) -> None:
+    """Issue a `MienWarning`; the command line prints it as one sentence."""
+    warnings.warn(message, MienWarning, stacklevel=3)
 
 
 def require(condition: bool, message: str) -> None:

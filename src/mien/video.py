@@ -1,20 +1,36 @@
-"""Frames, and where they come from."""
+"""Frames, and where they come from: a file, a folder of images, a camera.
+
+Times are the container's own time stamps in seconds, also where the frame rate varies. Everything becomes
+RGB with 8 bits, upright as the container's rotation says. A frame whose size differs from the first one's is
+scaled into it without distortion, with black borders and a warning. Frames are decoded one at a time.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from mien.errors import MienError, require, warn
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+FOLDER_FPS = 25.0
+"""Frames per second of a folder of images, which carries no time."""
+
+Pixels = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class Frame:
     """One decoded image: pixels (H, W, 3) uint8 RGB, its index, its time in seconds."""
 
-    pixels: NDArray[np.uint8]
+    pixels: Pixels
     index: int = 0
     time: float = 0.0
 
@@ -27,6 +43,267 @@ class Frame:
         return int(self.pixels.shape[0])
 
     @cached_property
-    def gray(self) -> NDArray[np.uint8]:
+    def gray(self) -> Pixels:
         """(H, W) uint8 luminance."""
         return np.asarray(cv2.cvtColor(self.pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+class Video(Protocol):
+    """Where frames come from; iterating decodes from the beginning.
+
+    path: the file or folder, None for a camera; fps: frames per second, on average;
+    frame_count: how many frames to expect, None where nothing says so.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> Path | None: ...
+    @property
+    def fps(self) -> float: ...
+    @property
+    def frame_count(self) -> int | None: ...
+    def __iter__(self) -> Iterator[Frame]: ...
+
+
+def open_video(source: str | Path | int) -> Video:
+    """The frames of a video file, of a folder of images sorted by name, or of a camera by its number.
+
+    Raises MienError where there is no such file or it is not a video.
+    """
+    path = Path(str(source))
+    if isinstance(source, int) or (str(source).isdecimal() and not path.exists()):
+        return CameraDevice(int(str(source)))
+    require(path.exists(), f"{path}: no such file; check the name")
+    return _open_folder(path) if path.is_dir() else _open_file(path)
+
+
+def select(video: Video, start: float | None = None, end: float | None = None) -> Iterator[Frame]:
+    """The frames with `start <= time < end` (seconds), each with its index in the whole video.
+
+    Frames before `start` are decoded and passed over, so that indices stay exact. Raises MienError if the
+    interval is empty or holds no frame.
+    """
+    require(
+        start is None or end is None or start < end, f"the start {start} s must come before the end {end} s"
+    )
+    last, found = 0.0, False
+    for frame in video:
+        last = frame.time
+        if end is not None and frame.time >= end:
+            break
+        if start is None or frame.time >= start:
+            found = True
+            yield frame
+    require(
+        found,
+        f"{video.name} has no frame from {start or 0:g} s to {end or last:g} s; its last is at {last:g} s",
+    )
+
+
+def expected_count(video: Video, start: float | None = None, end: float | None = None) -> int | None:
+    """How many frames `select` will give, about; None where nothing says so."""
+    if video.frame_count is None:
+        return None
+    stop = video.frame_count if end is None else min(video.frame_count, round(end * video.fps))
+    return max(stop - round((start or 0.0) * video.fps), 1)
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """A file that FFmpeg reads: what its header states of it, 0 where it states nothing.
+
+    begin, duration: seconds; declared: number of frames.
+    """
+
+    path: Path
+    fps: float
+    begin: float
+    duration: float
+    declared: int
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    @property
+    def frame_count(self) -> int | None:
+        return self.declared or round(self.duration * self.fps) or None
+
+    def __iter__(self) -> Iterator[Frame]:
+        return _one_size(self._frames(), self.name)
+
+    def _frames(self) -> Iterator[Frame]:
+        count, time, until, damaged = 0, self.begin, self.begin, False
+        for image in _decoded(self.path):
+            if image is None:
+                damaged = True
+                continue
+            time = until if image.time is None else float(image.time)
+            until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
+            yield Frame(_upright(image), count, time)
+            count += 1
+        require(
+            count > 0,
+            f"{self.path}: no frame could be decoded; the file is empty or damaged, convert it again",
+        )
+        if damaged or self._ends_early(count, until):
+            of = f" of {self.declared}" if self.declared else ""
+            warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {time:.2f} s")
+
+    def _ends_early(self, count: int, until: float) -> bool:
+        """Whether frames are missing after `until`; with no count stated the length may be the sound's."""
+        missing = self.begin + self.duration - until
+        return missing > 0.5 / self.fps and (
+            count < self.declared or (self.declared == 0 and missing > max(1.0, 0.05 * self.duration))
+        )
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """Images of a folder in the order of their names, `FOLDER_FPS` a second."""
+
+    path: Path
+    images: tuple[Path, ...]
+    fps: float = FOLDER_FPS
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    @property
+    def frame_count(self) -> int:
+        return len(self.images)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return _one_size(self._frames(), self.name)
+
+    def _frames(self) -> Iterator[Frame]:
+        count = 0
+        for index, file in enumerate(self.images):
+            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+            if image is None:
+                warn(f"{file} is not a readable image and was left out")
+                continue
+            yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, index / self.fps)
+            count += 1
+        require(
+            count > 0, f"{self.path}: none of its {len(self.images)} images could be read; check the files"
+        )
+
+
+@dataclass(frozen=True)
+class CameraDevice:
+    """A camera by its number; times are seconds since its first frame. It ends when the camera does."""
+
+    number: int
+    path: None = None
+    frame_count: None = None
+    fps: float = 30.0
+
+    @property
+    def name(self) -> str:
+        return f"camera {self.number}"
+
+    def __iter__(self) -> Iterator[Frame]:
+        device = cv2.VideoCapture(self.number)
+        try:
+            require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
+            first: float | None = None
+            for index, image in enumerate(iter(lambda: device.read()[1], None)):
+                now = cv2.getTickCount() / cv2.getTickFrequency()
+                first = now if first is None else first
+                yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, now - first)
+        finally:
+            device.release()
+
+
+def _open_file(path: Path) -> VideoFile:
+    with _container(path) as container:
+        stream = container.streams.video[0]
+        fps = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
+        begin = stream.start_time * stream.time_base if stream.start_time else 0.0
+        length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
+        if container.format.name == "avi" and stream.frames:  # FFmpeg shortens it where the file is cut
+            length = stream.frames / fps
+        return VideoFile(path, fps, float(begin), float(length), int(stream.frames))
+
+
+def _open_folder(path: Path) -> ImageFolder:
+    images = sorted(
+        p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")
+    )
+    require(bool(images), f"{path} holds no image; mien reads {', '.join(IMAGE_SUFFIXES)}")
+    return ImageFolder(path, tuple(images))
+
+
+def _container(path: Path) -> Any:
+    import av
+
+    try:
+        container = av.open(str(path), metadata_errors="ignore")
+    except (av.error.FFmpegError, OSError) as error:
+        reason = (error.strerror or str(error)).lower()
+        raise MienError(f"{path} cannot be read as a video ({reason}); check or convert the file") from error
+    # FFmpeg reads any text as the output of a terminal.
+    if not container.streams.video or container.format.name == "tty":
+        container.close()
+        raise MienError(f"{path} is not a video; give a video file or a folder of images")
+    return container
+
+
+def _decoded(path: Path) -> Iterator[Any]:
+    """Images as PyAV decodes them, and None for a packet that is damaged."""
+    import av
+
+    with _container(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        packets = container.demux(stream)
+        while True:
+            try:
+                packet = next(packets)
+                images = packet.decode()
+            except StopIteration:
+                return
+            except av.error.EOFError:
+                return
+            except av.error.FFmpegError:
+                yield None
+                continue
+            yield from images
+
+
+def _upright(image: Any) -> Pixels:
+    """(H, W, 3) uint8 RGB of a PyAV frame, turned counter-clockwise as its rotation metadata says."""
+    pixels = image.to_ndarray(format="rgb24")
+    quarters = round(image.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(pixels, quarters)) if quarters else pixels
+
+
+def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
+    """The frames, all of the size of the first."""
+    size: tuple[int, int] | None = None
+    warned = False
+    for frame in frames:
+        size = size or (frame.width, frame.height)
+        if (frame.width, frame.height) != size:
+            if not warned:
+                warn(
+                    f"{name}: frame {frame.index} has {frame.width}x{frame.height} pixels and the first "
+                    f"{size[0]}x{size[1]}; frames of another size are scaled to fit the first"
+                )
+            warned = True
+            frame = replace(frame, pixels=_fitted(frame.pixels, size))
+        yield frame
+
+
+def _fitted(pixels: Pixels, size: tuple[int, int]) -> Pixels:
+    """The image scaled into `size` (width, height), its proportions kept, the rest black."""
+    height, width = pixels.shape[:2]
+    scale = min(size[0] / width, size[1] / height)
+    inner = (max(round(scale * width), 1), max(round(scale * height), 1))
+    x, y = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
+    fitted = np.zeros((size[1], size[0], 3), np.uint8)
+    fitted[y : y + inner[1], x : x + inner[0]] = cv2.resize(pixels, inner, interpolation=cv2.INTER_AREA)
+    return fitted

@@ -1,0 +1,66 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mien.errors import MienError, require
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write to; it is renamed when the block ends, and removed if that fails."""
+    beside = temporary_beside(path)
+    try:
+        yield beside
+        os.chmod(beside, 0o666 & ~_umask())
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def temporary_beside(path: Path) -> Path:
+    """An empty new hidden file in the folder of `path` with its ending: a rename stays on one disk."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    return Path(name)
+
+
+def require_writable(path: Path) -> None:
+    """Make the folder of `path`, and raise MienError with a remedy where a file there cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary_beside(path).unlink()
+    except OSError as error:
+        raise MienError(
+            f"{path} cannot be written ({_reason(error)}); choose another place with -o"
+        ) from error
+    require(not path.is_dir(), f"{path} is a folder; give the name of a file")
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file, or of the names and contents of the files of a folder, in hexadecimal."""
+    digest = hashlib.sha256()
+    for file in [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file()):
+        if file != path:
+            digest.update(file.name.encode())
+        with file.open("rb") as f:
+            while chunk := f.read(1 << 20):
+                digest.update(chunk)
+    return digest.hexdigest()
+
+
+def _umask() -> int:
+    """The process's mask for new files, which `mkstemp` does not follow."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

@@ -1,0 +1,154 @@
+"""Landmarks from and to files: mien's JSON, iBUG-68 `.pts`, a row of an OpenFace CSV.
+
+Points of a `.pts` count pixels from 1, as 300-W does: 1 is taken off when reading and added when writing.
+JSON and CSV count pixels from 0.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mien.errors import MienError, require
+from mien.files import whole_file
+from mien.geometry.rotation import Array
+from mien.initialization.landmarks import Landmarks
+
+PTS_ORIGIN = 1.0
+TIME_TOLERANCE = 0.5
+"""Seconds that the nearest row of a CSV may lie from the frame that it is to describe."""
+_SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
+
+
+def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landmarks:
+    """Landmarks of the frame with this index and time (seconds) from a `.json`, `.pts` or `.csv` file.
+
+    A JSON says itself which frame it belongs to; of a CSV the row that is nearest in time is taken, or by
+    number where it has no times. Raises MienError naming the file and the remedy.
+    """
+    path = Path(path)
+    readers: dict[str, Callable[[Path, int, float], Landmarks]]
+    readers = {".json": _read_json, ".pts": _read_pts, ".csv": _read_csv}
+    require(path.is_file(), f"{path}: no such file; check the name, or make one with mien landmarks VIDEO")
+    require(path.suffix.lower() in readers, f"{path}: landmarks are read from {', '.join(readers)}")
+    try:
+        return readers[path.suffix.lower()](path, index, time)
+    except UnicodeDecodeError as error:
+        raise MienError(f"{path} is not a text file; check that it is the landmark file") from error
+
+
+def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
+    """Write a `.json`, or a `.pts` if the scheme is ibug68."""
+    path = Path(path)
+    writers = {".json": _json_text, ".pts": _pts_text}
+    require(path.suffix.lower() in writers, f"{path}: landmarks are written to {' or '.join(writers)}")
+    text = writers[path.suffix.lower()](path, landmarks)
+    with whole_file(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def _read_json(path: Path, index: int, time: float) -> Landmarks:
+    try:
+        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        points, scheme, depths = values["points"], values["scheme"], values.get("depths")
+        points = np.array(points, dtype=float)
+        depths = None if depths is None else np.array(depths, dtype=float)
+        index, time = int(values.get("frame", index)), float(values.get("time", time))
+    except json.JSONDecodeError as error:
+        raise MienError(f"{path} is not valid JSON ({error}); make it again with mien landmarks") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MienError(
+            f"{path} needs `scheme` and `points`, a list of pairs of numbers ({error}); "
+            "compare it with the output of mien landmarks"
+        ) from error
+    require(
+        depths is None or (depths.shape == points.shape[:1] and bool(np.isfinite(depths).all())),
+        f"{path}: `depths` must be one finite number for each point; correct or remove it",
+    )
+    return Landmarks(points, scheme, depths, index, time, str(path))
+
+
+def _json_text(path: Path, landmarks: Landmarks) -> str:
+    return json.dumps(landmarks.to_dict(), indent=1) + "\n"
+
+
+def _read_pts(path: Path, index: int, time: float) -> Landmarks:
+    text = path.read_text(encoding="utf-8")
+    header, opened, rest = text.partition("{")
+    body, closed, _ = rest.partition("}")
+    require(
+        bool(opened and closed),
+        f"{path} has no points between braces; a .pts file is `version: 1`, `n_points: 68`, points in braces",
+    )
+    points = _numbers(path, body.split())
+    require(points.size % 2 == 0, f"{path}: a point lacks a coordinate; each line holds x and y")
+    points = points.reshape(-1, 2)
+    stated = [line.split(":")[1].strip() for line in header.splitlines() if line.startswith("n_points")]
+    require(
+        not stated or stated[0] == str(len(points)),
+        f"{path} states {stated and stated[0]} points and holds {len(points)}; the file is incomplete",
+    )
+    return Landmarks(points - PTS_ORIGIN, "ibug68", None, index, time, str(path))
+
+
+def _pts_text(path: Path, landmarks: Landmarks) -> str:
+    require(
+        landmarks.scheme == "ibug68",
+        f"{path}: a .pts file holds the 68 points of iBUG and these are {landmarks.scheme}; write a .json",
+    )
+    lines = [f"{x:.3f} {y:.3f}" for x, y in landmarks.points + PTS_ORIGIN]
+    return "\n".join(["version: 1", f"n_points: {len(lines)}", "{", *lines, "}", ""])
+
+
+def _read_csv(path: Path, index: int, time: float) -> Landmarks:
+    row = _row_of_frame(path, list(_rows(path)), index, time)
+    count = sum(1 for name in row if name.startswith("x_"))
+    require(
+        count in _SCHEME_OF_COUNT,
+        f"{path} has {count} landmark columns x_0, x_1 ..; OpenFace writes 68 of them with -2Dfp",
+    )
+    names = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
+    missing = [n for n in names if n not in row]
+    require(not missing, f"{path} lacks the column {missing and missing[0]}; write the file again")
+    points = _numbers(path, [row[n] for n in names]).reshape(-1, 2)
+    return Landmarks(points, _SCHEME_OF_COUNT[count], None, index, time, str(path))
+
+
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    """Rows of a CSV; OpenFace puts a space before most names and values."""
+    with path.open(encoding="utf-8", newline="") as f:
+        for row in csv.DictReader(f, skipinitialspace=True):
+            yield {k.strip(): (v or "").strip() for k, v in row.items() if isinstance(k, str)}
+
+
+def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: float) -> dict[str, str]:
+    """The row for a frame: the surest face of the nearest time, or the row with this place in the file."""
+    require(bool(rows), f"{path} holds no row; it is not the output of OpenFace")
+    if "timestamp" in rows[0]:
+        apart = np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time)
+        require(
+            float(apart.min()) <= TIME_TOLERANCE,
+            f"{path} has no row near {time:.2f} s, where tracking begins; choose another --start",
+        )
+        rows = [r for r, d in zip(rows, apart, strict=True) if d == apart.min()]
+    else:
+        require(index < len(rows), f"{path} has {len(rows)} rows and tracking begins at frame {index}")
+        rows = [rows[index]]
+    row = rows[int(np.argmax(_numbers(path, [r.get("confidence") or "0" for r in rows])))]
+    require(
+        bool(_numbers(path, [row.get("success") or "1"])[0] > 0),
+        f"{path} has no face at {time:.2f} s, where tracking begins (success is 0); choose another --start",
+    )
+    return row
+
+
+def _numbers(path: Path, words: list[str]) -> Array:
+    try:
+        return np.array([float(w) for w in words])
+    except ValueError as error:
+        raise MienError(f"{path}: a coordinate is not a number ({error}); correct the file") from error
