@@ -1,0 +1,88 @@
+"""A track over time on one page: angles with their 90 per cent band, animation, confidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from mien.candide.model import TRACKED_UNITS
+from mien.files import whole_file
+from mien.geometry.rotation import Array
+from mien.tracking.state import Status
+
+if TYPE_CHECKING:
+    from mien.output.track import Track
+
+NORMAL_90 = 1.6449
+"""Half width of the central 90 per cent of a normal distribution, in standard deviations."""
+ANGLE_NAMES = ("pitch", "yaw", "roll")
+COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b", "#7a4fa3", "#3a9ca8")
+LOST_COLOUR = "#d9d4cf"
+
+
+def plot_track(track: Track, path: Path) -> None:
+    """Write a PNG (or PDF, SVG, by the ending) of the track. Lost frames are shaded."""
+    animation = track.animation
+    figure = Figure(figsize=(10, 7.5 if animation is not None else 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    heights = [3.0, 3.0, 1.2] if animation is not None else [3.0, 1.2]
+    axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    _plot_series(axes[0], track.time, track.euler_deg, track.euler_sd_deg, ANGLE_NAMES)
+    axes[0].set_ylabel("angle (degrees)")
+    if animation is not None:
+        names = [name.replace("_", " ") for name in TRACKED_UNITS]
+        _plot_series(axes[1], track.time, animation, track.animation_sd, names)
+        axes[1].set_ylabel("animation (0 neutral, 1 full)")
+    _plot_confidence(axes[-1], track.time, track.confidence)
+    lost = np.array([status == Status.LOST.value for status in track.status], dtype=bool)
+    for axis in axes:
+        _shade(axis, track.time, lost)
+        axis.grid(alpha=0.25)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.margins(x=0.01)
+    axes[-1].set_xlabel("time (seconds)")
+    if lost.any():
+        axes[0].set_title(f"{lost.sum()} of {len(lost)} frames lost (shaded)", loc="left", fontsize=10)
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=120)
+
+
+def _plot_series(axis: Axes, time: Array, values: Array, sd: Array | None, names: Sequence[str]) -> None:
+    """One line per column of values (n, k), broken where a frame is lost, with its band where sd is known."""
+    for k, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
+        axis.plot(time, values[:, k], color=colour, label=name, linewidth=1.4, marker=".", markersize=3)
+        if sd is None:
+            continue
+        half = NORMAL_90 * sd[:, k]
+        if len(time) > 1:
+            low, high = values[:, k] - half, values[:, k] + half
+            axis.fill_between(time, low, high, color=colour, alpha=0.18, linewidth=0)
+        else:  # a band of one frame has no width
+            axis.errorbar(time, values[:, k], half, color=colour, alpha=0.5, capsize=6)
+    if sd is not None:
+        axis.fill_between([], [], [], color="#888888", alpha=0.3, linewidth=0, label="90 % band")
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+
+
+def _plot_confidence(axis: Axes, time: Array, confidence: Array) -> None:
+    axis.plot(time, confidence, color="#333333", linewidth=1.2, marker=".", markersize=3)
+    axis.fill_between(time, 0, confidence, color="#333333", alpha=0.12, linewidth=0)
+    axis.set_ylim(0, 1.05)
+    axis.set_ylabel("confidence")
+
+
+def _shade(axis: Axes, time: Array, lost: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+    """Shade from half way before the first to half way after the last frame of each run of lost frames."""
+    if not lost.any():
+        return
+    middle = 0.5 * (time[1:] + time[:-1])
+    borders = np.concatenate([time[:1], middle, time[-1:]])
+    steps = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
+    for first, behind in steps.reshape(-1, 2):
+        axis.axvspan(borders[first], borders[behind], color=LOST_COLOUR, linewidth=0, zorder=0)

@@ -1,0 +1,140 @@
+"""Overlays: what is drawn where, and videos that keep the frames' own times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from mien.candide.model import Candide
+from mien.errors import MienError
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array, matrix_from_euler
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
+from mien.output.overlay import HIDDEN, SEEN, Mesh, OverlayWriter, Pixels, draw, draw_mesh, save_png
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import Frame
+
+CAMERA = Camera.from_fov(320, 240)
+GREY = Frame(np.full((240, 320, 3), 128, dtype=np.uint8), 4, 0.2)
+MODEL = Candide.default()
+R = matrix_from_euler(np.radians([5.0, -15.0, 3.0])) @ FACING
+T = np.array([0.1, 0.0, 5.0])
+
+
+def _mesh() -> Mesh:
+    return Mesh(MODEL.pose(MODEL.mean, R, T), MODEL.triangles)
+
+
+def _estimate(visibility: Array | None = None) -> Estimate:
+    X = _mesh().vertices[list(LANDMARK_VERTICES.values())]
+    landmarks = TrackedLandmarks(LANDMARK_NAMES, CAMERA.project(X)[0], X, visibility)
+    return Estimate(4, 0.2, Status.TRACKED, R, T, np.zeros(6), landmarks=landmarks, confidence=0.8)
+
+
+def _changed(pixels: Pixels) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    return np.abs(pixels.astype(int) - 128).max(axis=2) > 20
+
+
+def test_small_frames_are_enlarged_and_the_frame_itself_stays() -> None:
+    pixels = draw(GREY, _estimate(), _mesh(), CAMERA)
+    assert pixels.shape == (480, 640, 3)
+    assert pixels.dtype == np.uint8
+    assert (GREY.pixels == 128).all()
+    large = Frame(np.full((480, 640, 3), 128, dtype=np.uint8))
+    assert draw(large, _estimate(), None, CAMERA).shape == (480, 640, 3)
+
+
+def test_the_mesh_lies_on_the_face() -> None:
+    mesh = _mesh()
+    changed = _changed(draw_mesh(GREY, mesh.vertices, mesh.triangles, CAMERA))
+    rows, columns = np.nonzero(changed)
+    used = np.unique(mesh.triangles)
+    low, high = (f(2 * CAMERA.project(mesh.vertices[used])[0] + 0.5, axis=0) for f in (np.min, np.max))
+    assert low[0] - 3 <= columns.min() <= columns.max() <= high[0] + 3
+    assert low[1] - 3 <= rows.min() <= rows.max() <= high[1] + 3
+    assert len(rows) > 1000
+
+
+def test_a_mesh_seen_from_behind_or_behind_the_camera_is_not_drawn() -> None:
+    for posed in (MODEL.pose(MODEL.mean, np.diag([-1.0, -1, 1]), T), MODEL.pose(MODEL.mean, R, -T)):
+        assert not _changed(draw_mesh(GREY, posed, MODEL.triangles, CAMERA)).any()
+
+
+@pytest.mark.parametrize(("visibility", "colour", "filled"), [(1.0, SEEN, True), (0.0, HIDDEN, False)])
+def test_hidden_landmarks_are_hollow(visibility: float, colour: tuple[int, int, int], filled: bool) -> None:
+    point = np.array([[100.0, 80.0]])
+    landmarks = TrackedLandmarks(("point",), point, visibility=np.array([visibility]))
+    pixels = draw(GREY, Estimate(0, 0, Status.TRACKED, landmarks=landmarks), None, CAMERA)
+    neighbourhood = pixels[155:167, 195:207].reshape(-1, 3).astype(int)
+    assert np.abs(neighbourhood - colour).sum(axis=1).min() < 120
+    centre = pixels[160:162, 200:202].reshape(-1, 3).astype(int)
+    assert (np.abs(centre - colour).sum(axis=1).max() < 60) == filled
+
+
+def test_the_axis_out_of_the_face_points_at_a_frontal_camera() -> None:
+    """Head axes of a face in the centre: the subject's left is image right, up is up."""
+    estimate = Estimate(0, 0, Status.TRACKED, FACING, np.array([0.0, 0.0, 5.0]))
+    pixels = draw(GREY, estimate, None, CAMERA).astype(int)
+    red = np.argwhere((pixels[..., 0] > 200) & (pixels[..., 1] < 140) & (pixels[..., 2] < 140))
+    green = np.argwhere((pixels[..., 1] > 200) & (pixels[..., 0] < 160) & (pixels[..., 2] < 140))
+    assert red[:, 1].mean() > 320 + 20
+    assert abs(red[:, 0].mean() - 240) < 5
+    assert green[:, 0].mean() < 240 - 20
+
+
+def test_drawing_works_with_whatever_is_known() -> None:
+    lost = Estimate.lost(GREY, "the face left the picture")
+    assert _changed(draw(GREY, lost, None, CAMERA))[440:].any()
+    assert not _changed(draw(GREY, lost, _mesh(), CAMERA))[:430].any()
+    hidden = _estimate(np.linspace(0, 1, 26))
+    assert hidden.landmarks is not None
+    hidden.landmarks.image[3] = np.nan
+    draw(GREY, hidden, _mesh(), CAMERA)
+    draw(GREY, Estimate(0, 0, Status.TRACKED), None, CAMERA)
+
+
+def test_png_there_and_back(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (11, 17, 3), dtype=np.uint8)
+    save_png(tmp_path / "picture.png", pixels)
+    back = cv2.cvtColor(cv2.imread(str(tmp_path / "picture.png")), cv2.COLOR_BGR2RGB)
+    np.testing.assert_array_equal(back, pixels)
+    assert [p.name for p in tmp_path.iterdir()] == ["picture.png"]
+
+
+def test_a_video_keeps_times_colours_and_an_even_size(tmp_path: Path) -> None:
+    times = [2.0, 2.04, 2.5, 2.5, 3.25]
+    colour = np.array([200, 60, 40], dtype=np.uint8)
+    with OverlayWriter(tmp_path / "overlay.mp4") as writer:
+        for time in times:
+            writer.write(np.full((91, 121, 3), colour), time)
+        assert not (tmp_path / "overlay.mp4").exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["overlay.mp4"]
+    with av.open(str(tmp_path / "overlay.mp4")) as container:
+        frames = list(container.decode(video=0))
+        assert container.streams.video[0].codec_context.name == "h264"
+    np.testing.assert_allclose([f.time for f in frames], np.array(times) - 2, atol=1e-4)
+    assert {(f.width, f.height, f.format.name) for f in frames} == {(120, 90, "yuv420p")}
+    assert np.abs(frames[2].to_ndarray(format="rgb24").astype(int) - colour).max() < 12
+
+
+def test_a_video_without_frames_leaves_nothing(tmp_path: Path) -> None:
+    with OverlayWriter(tmp_path / "overlay.mp4"):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_video_holds_what_was_written(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), OverlayWriter(tmp_path / "overlay.mp4") as writer:  # noqa: PT012
+        writer.write(np.zeros((90, 120, 3), dtype=np.uint8), 0.0)
+        raise KeyboardInterrupt
+    with av.open(str(tmp_path / "overlay.mp4")) as container:
+        assert len(list(container.decode(video=0))) == 1
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match=r"nowhere.*cannot be written"):
+        OverlayWriter(tmp_path / "nowhere" / "overlay.mp4")

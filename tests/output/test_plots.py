@@ -1,0 +1,64 @@
+"""Plots: they come out for every kind of track, and lost frames are shaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.output.plots import LOST_COLOUR, plot_track
+
+
+def _track(n: int, lost: slice = slice(0, 0), with_sd: bool = True, with_animation: bool = True) -> Any:
+    time = np.arange(n) / 25
+    euler, animation = np.sin(time[:, None] * [1, 2, 3]), np.cos(time[:, None] * np.arange(6))
+    status = np.full(n, "tracked", dtype=object)
+    confidence = np.full(n, 0.9)
+    status[lost], euler[lost], animation[lost], confidence[lost] = "lost", np.nan, np.nan, 0
+    return SimpleNamespace(
+        time=time,
+        euler_deg=euler,
+        euler_sd_deg=np.full((n, 3), 0.5) if with_sd else None,
+        animation=animation if with_animation else None,
+        animation_sd=np.full((n, 6), 0.1) if with_sd and with_animation else None,
+        confidence=confidence,
+        status=list(status),
+    )
+
+
+def _shaded(path: Path) -> float:
+    """Share of the picture in the colour of lost frames."""
+    colour = [int(LOST_COLOUR[i : i + 2], 16) for i in (5, 3, 1)]
+    return float((np.abs(cv2.imread(str(path)).astype(int) - colour).max(axis=2) < 3).mean())
+
+
+@pytest.mark.parametrize(
+    "track",
+    [
+        _track(50),
+        _track(1),
+        _track(1, slice(0, 1)),
+        _track(2),
+        _track(30, slice(0, 30)),
+        _track(30, with_sd=False),
+        _track(30, with_animation=False),
+    ],
+    ids=["whole", "one frame", "one lost frame", "two frames", "all lost", "no sd", "no animation"],
+)
+@pytest.mark.filterwarnings("error")
+def test_every_kind_of_track_is_plotted(tmp_path: Path, track: Any) -> None:
+    plot_track(track, tmp_path / "plot.png")
+    assert cv2.imread(str(tmp_path / "plot.png")).std() > 1
+    assert [p.name for p in tmp_path.iterdir()] == ["plot.png"]
+
+
+def test_lost_frames_are_shaded_in_proportion(tmp_path: Path) -> None:
+    for name, lost in {"none": slice(0, 0), "half": slice(20, 60), "all": slice(0, 80)}.items():
+        plot_track(_track(80, lost), tmp_path / f"{name}.png")
+    none, half, every = (_shaded(tmp_path / f"{name}.png") for name in ("none", "half", "all"))
+    assert none < 0.01
+    assert half / every == pytest.approx(0.5, abs=0.08)
