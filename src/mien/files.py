@@ -11,17 +11,29 @@ from pathlib import Path
 
 from mien.errors import MienError, require
 
+REMEDY = "make room or choose another place"
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A file beside `path` to write to; it is renamed when the block ends, and removed if that fails."""
-    beside = temporary_beside(path)
+    with named_errors(path):
+        beside = temporary_beside(path)
+        try:
+            yield beside
+            os.chmod(beside, 0o666 & ~_umask())
+            os.replace(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def named_errors(path: Path) -> Iterator[None]:
+    """Turn what the system says while `path` is written (disk full, no permission) into a MienError."""
     try:
-        yield beside
-        os.chmod(beside, 0o666 & ~_umask())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        raise MienError(f"{path} cannot be written ({_reason(error)}); {REMEDY}") from error
 
 
 def temporary_beside(path: Path) -> Path:

@@ -1,0 +1,139 @@
+"""Estimates to columns: names, units and signs of OpenFace where it has the same thing.
+
+Lengths are millimetres, angles radians, image points pixels, all in camera axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+
+from mien.candide.model import TRACKED_UNITS
+from mien.geometry.rotation import Array
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+
+TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
+ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
+_TEXT = ("status", "reason")
+_WHOLE_NUMBERS = ("frame", "face_id", "success")
+_UNQUOTED = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Columns that are estimated together: their names (or the stem of numbered ones) and decimals."""
+
+    names: tuple[str, ...] | str
+    decimals: int
+    values: Callable[[Estimate], Array | None]
+
+    def column_names(self, count: int) -> tuple[str, ...]:
+        return tuple(f"{self.names}_{i}" for i in range(count)) if isinstance(self.names, str) else self.names
+
+
+def _sd(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{n}_sd" for n in names)
+
+
+ROTATION_SD, ANIMATION_SD = _sd(ROTATION), _sd(TRACKED_UNITS)
+
+
+def _translation(e: Estimate) -> Array | None:
+    return None if e.translation is None else e.translation * e.mm_per_unit
+
+
+def _state_sd(e: Estimate, part: slice) -> Array | None:
+    return None if e.covariance is None else np.sqrt(np.maximum(np.diag(e.covariance)[part], 0.0))
+
+
+def _translation_sd(e: Estimate) -> Array | None:
+    sd = _state_sd(e, slice(3, 6))
+    return None if sd is None else sd * e.mm_per_unit
+
+
+def _image(axis: int) -> Callable[[Estimate], Array | None]:
+    return lambda e: None if e.landmarks is None else e.landmarks.image[:, axis]
+
+
+def _camera(axis: int) -> Callable[[Estimate], Array | None]:
+    def values(e: Estimate) -> Array | None:
+        known = e.landmarks
+        return None if known is None or known.camera is None else known.camera[:, axis] * e.mm_per_unit
+
+    return values
+
+
+def _visibility(e: Estimate) -> Array | None:
+    known: TrackedLandmarks | None = e.landmarks
+    return None if known is None else known.visibility
+
+
+_POSE = (_Group(TRANSLATION, 3, _translation), _Group(ROTATION, 6, lambda e: e.euler))
+_REST = (
+    _Group(TRACKED_UNITS, 5, lambda e: e.animation),
+    *(_Group(name, 3, _image(k)) for k, name in enumerate("xy")),
+    *(_Group(name, 3, _camera(k)) for k, name in enumerate("XYZ")),
+    _Group(_sd(TRANSLATION), 3, _translation_sd),
+    _Group(ROTATION_SD, 6, lambda e: e.euler_sd),
+    _Group(ANIMATION_SD, 5, lambda e: _state_sd(e, slice(6, None))),
+    _Group("visibility", 3, _visibility),
+)
+
+
+def table_of(estimates: Sequence[Estimate]) -> pa.Table:
+    """One row an estimate. A group that no estimate has gives no column; a lost face has null cells."""
+    columns: dict[str, pa.Array] = {
+        "frame": pa.array([e.index for e in estimates], pa.int64()),
+        "face_id": pa.array([0] * len(estimates), pa.int64()),
+        "timestamp": pa.array(np.round([e.time for e in estimates], 6)),
+        "confidence": pa.array(np.round([float(e.confidence) for e in estimates], 4)),
+        "success": pa.array([int(e.status.success) for e in estimates], pa.int64()),
+    }
+    columns |= _columns(_POSE, estimates)
+    columns["status"] = pa.array([e.status.value for e in estimates])
+    reasons = [e.reason.translate(_UNQUOTED) or None for e in estimates]
+    if any(reasons):
+        columns["reason"] = pa.array(reasons, pa.string())
+    return pa.table(columns | _columns(_REST, estimates))
+
+
+def cell_type(name: str) -> pa.DataType:
+    """Type of the column with this name."""
+    return pa.string() if name in _TEXT else pa.int64() if name in _WHOLE_NUMBERS else pa.float64()
+
+
+def in_order(names: Sequence[str]) -> list[str]:
+    """The names in the order of the file, for tables of which each has a part of the columns."""
+    groups = [g.names for g in (*_POSE, *_REST)]
+    fixed = ["frame", "face_id", "timestamp", "confidence", "success"]
+    stems: list[str] = [*fixed]
+    for k, group in enumerate(groups):
+        stems += [group] if isinstance(group, str) else group
+        if k == len(_POSE) - 1:
+            stems += _TEXT
+    return sorted(names, key=lambda n: _place(n, stems))
+
+
+def _place(name: str, stems: Sequence[str]) -> tuple[int, int]:
+    if name in stems:
+        return stems.index(name), 0
+    stem, _, number = name.rpartition("_")
+    return stems.index(stem), int(number)
+
+
+def _columns(groups: Sequence[_Group], estimates: Sequence[Estimate]) -> dict[str, pa.Array]:
+    columns: dict[str, pa.Array] = {}
+    for group in groups:
+        rows = [None if e.status is Status.LOST else group.values(e) for e in estimates]
+        count = max((len(r) for r in rows if r is not None), default=0)
+        if count == 0:
+            continue
+        empty = np.full(count, np.nan)
+        matrix = np.round([empty if r is None else r for r in rows], group.decimals)
+        for k, name in enumerate(group.column_names(count)):
+            if not np.isnan(matrix[:, k]).all():
+                columns[name] = pa.array(matrix[:, k], from_pandas=True)
+    return columns

@@ -1,0 +1,274 @@
+"""The estimates of a whole video as one table, and its files."""
+
+from __future__ import annotations
+
+import json
+import mmap
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError, require
+from mien.files import named_errors, whole_file
+from mien.geometry.rotation import Array
+from mien.output.columns import (
+    ANIMATION_SD,
+    ROTATION,
+    ROTATION_SD,
+    TRANSLATION,
+    cell_type,
+    in_order,
+    table_of,
+)
+from mien.tracking.state import Estimate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ENDINGS = (".csv", ".json", ".parquet")
+BATCH = 256
+"""Estimates that are held in memory before they go to the recorder's file."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One row a frame, and what is needed to get the same numbers again.
+
+    table: the columns of `mien.output.columns`; what was not estimated in any frame has no column, what is
+    not known of one frame is null. metadata: plain values, the content of NAME.json.
+    """
+
+    table: pa.Table
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_estimates(
+        cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None
+    ) -> Track:
+        """The track of these estimates."""
+        with Recorder() as recorder:
+            for estimate in estimates:
+                recorder.add(estimate)
+            return recorder.track(metadata or {})
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    @cached_property
+    def index(self) -> Array:
+        """(n,) index of each frame in its video, from 0."""
+        return self._numbers("frame")
+
+    @cached_property
+    def time(self) -> Array:
+        """(n,) seconds."""
+        return self._numbers("timestamp")
+
+    @cached_property
+    def confidence(self) -> Array:
+        """(n,) probability in [0, 1] that the rotation is right to 5 degrees."""
+        return self._numbers("confidence")
+
+    @cached_property
+    def status(self) -> list[str]:
+        """n values of `Status`."""
+        return [str(s) for s in self.table.column("status").to_pylist()]
+
+    @property
+    def lost(self) -> int:
+        """Number of frames in which the face is lost."""
+        return self.status.count("lost")
+
+    @cached_property
+    def euler_deg(self) -> Array:
+        """(n, 3) angles in degrees of `Rx Ry Rz`, NaN where the face is lost."""
+        known = self._matrix(ROTATION)
+        return np.full((len(self), 3), np.nan) if known is None else np.degrees(known)
+
+    @cached_property
+    def euler_sd_deg(self) -> Array | None:
+        """(n, 3) standard deviations of `euler_deg`, None if they are not estimated."""
+        sd = self._matrix(ROTATION_SD)
+        return None if sd is None else np.degrees(sd)
+
+    @cached_property
+    def translation_mm(self) -> Array | None:
+        """(n, 3) millimetres in camera axes."""
+        return self._matrix(TRANSLATION)
+
+    @cached_property
+    def animation(self) -> Array | None:
+        """(n, 6) in the order of `TRACKED_UNITS`."""
+        return self._matrix(TRACKED_UNITS)
+
+    @cached_property
+    def animation_sd(self) -> Array | None:
+        """(n, 6) standard deviations of `animation`."""
+        return self._matrix(ANIMATION_SD)
+
+    @cached_property
+    def landmarks(self) -> Array | None:
+        """(n, m, 2) pixels."""
+        count = sum(1 for name in self.table.column_names if name.startswith("x_"))
+        x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
+        return None if x is None or y is None else np.stack([x, y], axis=-1)
+
+    def to_arrow(self) -> pa.Table:
+        """The table, for Arrow, Polars and DuckDB."""
+        return self.table
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The table as a DataFrame. Raises MienError where pandas is not installed."""
+        try:
+            return self.table.to_pandas()
+        except ImportError as error:
+            raise MienError(
+                "to_pandas needs pandas; install it with pip install pandas, or use to_arrow"
+            ) from error
+
+    def save(self, path: str | Path) -> tuple[Path, Path, Path]:
+        """Write NAME.csv, NAME.json and NAME.parquet, all or none; `path` is NAME or one of the three.
+
+        Raises MienError where they cannot be written.
+        """
+        paths = track_paths(path)
+        writers = (self._write_csv, self._write_json, self._write_parquet)
+        with ExitStack() as stack:  # left in reverse: where there is a CSV, there are the others
+            for final, write in zip(paths, writers, strict=True):
+                write(stack.enter_context(whole_file(final)))
+        return paths
+
+    @classmethod
+    def read(cls, path: str | Path) -> Track:
+        """The track of a `.csv` or `.parquet` file, with the metadata of the JSON beside it if there is one.
+
+        Raises MienError naming the file if it is missing or no track.
+        """
+        path = Path(path)
+        path = path if path.suffix in ENDINGS else track_paths(path)[0]
+        require(path.is_file(), f"{path}: no such file; check the name")
+        require(path.suffix != ".json", f"{path} holds the settings; read the .csv or .parquet beside it")
+        try:
+            table = _read_csv(path) if path.suffix == ".csv" else _read_parquet(path)
+            beside = path.with_suffix(".json")
+            metadata = json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
+        except (pa.ArrowInvalid, ValueError) as error:
+            raise MienError(f"{path} is not a track of mien ({error}); track the video again") from error
+        missing = {"frame", "timestamp", "status"} - set(table.column_names)
+        require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
+        return cls(table, metadata)
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw angles and animation units over time to a picture."""
+        from mien.output.plots import plot_track
+
+        plot_track(self, Path(path))
+        return Path(path)
+
+    def _numbers(self, name: str) -> Array:
+        column = self.table.column(name).combine_chunks()
+        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
+
+    def _matrix(self, names: Sequence[str]) -> Array | None:
+        if not names or not set(names) <= set(self.table.column_names):
+            return None
+        return np.stack([self._numbers(n) for n in names], axis=-1)
+
+    def _write_csv(self, path: Path) -> None:
+        from pyarrow import csv
+
+        options = csv.WriteOptions(include_header=False, quoting_style="none")
+        with path.open("wb") as f:
+            f.write((",".join(self.table.column_names) + "\n").encode())
+            csv.write_csv(self.table, f, options)
+
+    def _write_json(self, path: Path) -> None:
+        path.write_text(json.dumps(dict(self.metadata), indent=1) + "\n", encoding="utf-8")
+
+    def _write_parquet(self, path: Path) -> None:
+        from pyarrow import parquet
+
+        parquet.write_table(self.table, path)
+
+
+class Recorder:
+    """Collects estimates in a nameless temporary file, so that memory does not grow with the video.
+
+    The file lies in the folder of `path` if one is given. It vanishes with the process, however that ends.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path or Path(tempfile.gettempdir())
+        self.count = 0
+        self._waiting: list[Estimate] = []
+        with named_errors(self.path):
+            folder = None if path is None else path.parent
+            self._file: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by __exit__
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def add(self, estimate: Estimate) -> None:
+        """Append one row."""
+        self._waiting.append(estimate)
+        self.count += 1
+        if len(self._waiting) >= BATCH:
+            self._flush()
+
+    def track(self, metadata: Mapping[str, Any]) -> Track:
+        """All rows so far; they stay in the file and are read when they are needed."""
+        require(self.count > 0, f"{self.path}: there is nothing to write, no frame was tracked")
+        self._flush()
+        content = pa.BufferReader(pa.py_buffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)))
+        tables = []
+        while content.tell() < content.size():
+            tables.append(pa.ipc.open_stream(content).read_all())
+        table = pa.concat_tables(tables, promote_options="default")
+        return Track(table.select(in_order(table.column_names)), metadata)
+
+    def _flush(self) -> None:
+        """Each batch has a schema of its own: what is estimated may change on the way."""
+        if self._waiting:
+            table = table_of(self._waiting)
+            with named_errors(self.path):
+                with pa.ipc.new_stream(self._file, table.schema) as stream:
+                    stream.write_table(table)
+                self._file.flush()
+            self._waiting.clear()
+
+
+def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
+    """NAME.csv, NAME.json and NAME.parquet of NAME or of one of the three."""
+    path = Path(path)
+    name = path.name.removesuffix(path.suffix) if path.suffix.lower() in ENDINGS else path.name
+    require(bool(name), f"{path} is not the name of a file; give one such as out.csv")
+    csv, settings, parquet = (path.with_name(name + ending) for ending in ENDINGS)
+    return csv, settings, parquet
+
+
+def _read_csv(path: Path) -> pa.Table:
+    from pyarrow import csv
+
+    with path.open(encoding="utf-8") as f:
+        names = [n.strip() for n in f.readline().split(",")]
+    options = csv.ConvertOptions(
+        column_types={n: cell_type(n) for n in names}, null_values=[""], strings_can_be_null=True
+    )
+    return csv.read_csv(path, csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    from pyarrow import parquet
+
+    return parquet.read_table(path)

@@ -1,0 +1,217 @@
+"""The table of a track, its files, and reading them again."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError
+from mien.geometry.rotation import FACING, matrix_from_euler
+from mien.output.track import BATCH, Recorder, Track, track_paths
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import Frame
+
+
+def estimate(index: int, landmarks: int = 3, covariance: bool = True) -> Estimate:
+    """A face 10 units away that turns by 0.01 rad a frame about y."""
+    points = np.arange(2.0 * landmarks).reshape(-1, 2) + index
+    return Estimate(
+        index=index,
+        time=index / 30,
+        status=Status.INITIALIZED if index == 0 else Status.TRACKED,
+        rotation=matrix_from_euler(np.array([0.1, 0.01 * index, -0.2])) @ FACING,
+        translation=np.array([0.5, -0.25, 10.0]),
+        animation=np.arange(6) / 10,
+        covariance=np.diag(np.arange(1.0, 13) ** 2) * 1e-6 if covariance else None,
+        landmarks=TrackedLandmarks(
+            tuple("abc"[:landmarks]), points, np.ones((landmarks, 3)), np.array([1.0, 0.5, 0.0])[:landmarks]
+        ),
+        confidence=0.875,
+        mm_per_unit=100.0,
+    )
+
+
+def lost(index: int) -> Estimate:
+    return Estimate.lost(Frame(np.zeros((4, 4, 3), np.uint8), index, index / 30), 'nothing, "seen"')
+
+
+@pytest.fixture
+def track() -> Track:
+    return Track.from_estimates([estimate(0), estimate(1), lost(2), estimate(3)], {"version": "1"})
+
+
+def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:
+    names = ["frame", "face_id", "timestamp", "confidence", "success", "pose_Tx", "pose_Ty", "pose_Tz"]
+    names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS]
+    names += [f"{axis}_{i}" for axis in "xyXYZ" for i in range(3)]
+    names += [f"pose_{n}_sd" for n in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")] + [
+        f"{u}_sd" for u in TRACKED_UNITS
+    ]
+    names += [f"visibility_{i}" for i in range(3)]
+    assert track.table.column_names == names
+
+
+def test_units_are_millimetres_and_radians(track: Track) -> None:
+    row = track.to_arrow().slice(1, 1).to_pylist()[0]
+    assert (row["pose_Tx"], row["pose_Ty"], row["pose_Tz"]) == (50.0, -25.0, 1000.0)
+    assert (row["pose_Rx"], row["pose_Ry"], row["pose_Rz"]) == pytest.approx((0.1, 0.01, -0.2), abs=1e-6)
+    assert row["Z_2"] == 100.0
+    assert (row["x_2"], row["y_2"]) == (5.0, 6.0)
+    # The state's standard deviations are 1e-3 times 1, 2 .. 12; 4, 5, 6 of them are lengths.
+    assert (row["pose_Tx_sd"], row["pose_Tz_sd"]) == pytest.approx((0.4, 0.6))
+    assert row["upper_lip_raiser_sd"] == pytest.approx(0.007)
+
+
+def test_sd_of_the_angles_is_that_of_the_rotation_vector_when_frontal() -> None:
+    facing = replace(estimate(0), rotation=FACING)
+    row = Track.from_estimates([facing]).table.to_pylist()[0]
+    assert [row[f"pose_R{a}_sd"] for a in "xyz"] == pytest.approx([0.001, 0.002, 0.003])
+
+
+def test_a_lost_frame_keeps_its_row_with_empty_cells(track: Track, tmp_path: Path) -> None:
+    track.save(tmp_path / "out.csv")
+    lines = (tmp_path / "out.csv").read_text().splitlines()
+    assert len(lines) == 5
+    assert lines[3].startswith("2,0,0.066667,0,0,,,,,,,lost,nothing; 'seen',,")
+    assert set(lines[3].split("'seen'")[1]) == {","}
+    assert all(line.count(",") == lines[0].count(",") for line in lines)
+
+
+def test_what_is_not_estimated_has_no_column() -> None:
+    bare = replace(estimate(0), animation=None, covariance=None, landmarks=None)
+    names = Track.from_estimates([bare]).table.column_names
+    assert names[-4:] == ["pose_Rx", "pose_Ry", "pose_Rz", "status"]
+
+
+def test_columns_by_property(track: Track) -> None:
+    assert len(track) == 4
+    assert track.lost == 1
+    assert track.status == ["initialized", "tracked", "lost", "tracked"]
+    np.testing.assert_allclose(track.time, np.arange(4) / 30, atol=1e-6)
+    np.testing.assert_allclose(track.euler_deg[3], np.degrees([0.1, 0.03, -0.2]), atol=1e-4)
+    assert np.isnan(track.euler_deg[2]).all()
+    assert track.euler_sd_deg is not None
+    assert track.euler_sd_deg.shape == (4, 3)
+    assert track.animation is not None
+    np.testing.assert_allclose(track.animation[0], np.arange(6) / 10)
+    assert track.animation_sd is not None
+    assert track.landmarks is not None
+    assert track.landmarks.shape == (4, 3, 2)
+    assert track.translation_mm is not None
+
+
+def test_properties_of_what_is_not_estimated_are_none() -> None:
+    track = Track.from_estimates([replace(estimate(0), animation=None, covariance=None, landmarks=None)])
+    assert track.euler_sd_deg is None
+    assert track.animation is None
+    assert track.animation_sd is None
+    assert track.landmarks is None
+
+
+def test_csv_and_parquet_read_back_as_they_were(track: Track, tmp_path: Path) -> None:
+    for path in track.save(tmp_path / "out.csv")[::2]:
+        again = Track.read(path)
+        assert again.table.equals(track.table)
+        assert again.metadata == {"version": "1"}
+
+
+def test_save_takes_the_name_of_any_of_the_three_files() -> None:
+    expected = (Path("a/b.csv"), Path("a/b.json"), Path("a/b.parquet"))
+    assert track_paths("a/b.csv") == track_paths("a/b.parquet") == track_paths("a/b") == expected
+    assert track_paths("run.1")[0] == Path("run.1.csv")
+
+
+def test_pandas_has_numbers_and_missing_values(track: Track) -> None:
+    table = track.to_pandas()
+    assert table["pose_Ry"].isna().tolist() == [False, False, True, False]
+    assert table["frame"].dtype == np.int64
+
+
+def test_without_pandas_the_remedy_is_named(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    class NoPandas:
+        column_names = track.table.column_names
+
+        def to_pandas(self) -> None:
+            raise ImportError("No module named 'pandas'")
+
+    with pytest.raises(MienError, match="pip install pandas"):
+        Track(NoPandas()).to_pandas()
+
+
+def test_recorder_joins_batches_whose_columns_differ(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "out.csv") as recorder:
+        for i in range(BATCH):
+            recorder.add(estimate(i, covariance=False))
+        for i in range(BATCH, BATCH + 5):
+            recorder.add(estimate(i))
+        track = recorder.track({})
+    assert track.index.tolist() == list(range(BATCH + 5))
+    assert track.euler_sd_deg is not None
+    assert np.isnan(track.euler_sd_deg[:BATCH]).all()
+    assert np.isfinite(track.euler_sd_deg[BATCH:]).all()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recorder_can_give_what_there_is_and_go_on() -> None:
+    with Recorder() as recorder:
+        recorder.add(estimate(0))
+        assert len(recorder.track({})) == 1
+        recorder.add(estimate(1))
+        assert len(recorder.track({})) == 2
+
+
+def test_nothing_tracked_is_an_error() -> None:
+    with pytest.raises(MienError, match="no frame was tracked"):
+        Track.from_estimates([])
+
+
+def test_files_appear_all_or_none(track: Track, tmp_path: Path) -> None:
+    broken = Track(track.table, {"bad": object()})
+    with pytest.raises(TypeError):
+        broken.save(tmp_path / "out.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_saving_again_replaces(track: Track, tmp_path: Path) -> None:
+    track.save(tmp_path / "out.csv")
+    Track.from_estimates([estimate(0)]).save(tmp_path / "out.csv")
+    assert len(Track.read(tmp_path / "out.csv")) == 1
+    assert {p.name for p in tmp_path.iterdir()} == {"out.csv", "out.json", "out.parquet"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions of POSIX")
+def test_files_have_the_permissions_of_new_files(track: Track, tmp_path: Path) -> None:
+    mask = os.umask(0o022)
+    try:
+        paths = track.save(tmp_path / "out.csv")
+    finally:
+        os.umask(mask)
+    assert {p.stat().st_mode & 0o777 for p in paths} == {0o644}
+
+
+def test_a_folder_that_is_missing_is_named(track: Track, tmp_path: Path) -> None:
+    with pytest.raises(MienError, match=r"nowhere/out.* cannot be written"):
+        track.save(tmp_path / "nowhere" / "out.csv")
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "frame,timestamp,status\n0,zero,tracked\n"])
+def test_read_refuses_what_is_no_track(text: str, tmp_path: Path) -> None:
+    (tmp_path / "out.csv").write_text(text)
+    with pytest.raises(MienError, match="out.csv"):
+        Track.read(tmp_path / "out.csv")
+
+
+def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Path) -> None:
+    with pytest.raises(MienError, match=r"out.csv: no such file"):
+        Track.read(tmp_path / "out")
+    track.save(tmp_path / "out")
+    assert json.loads((tmp_path / "out.json").read_text()) == {"version": "1"}
+    with pytest.raises(MienError, match="read the .csv"):
+        Track.read(tmp_path / "out.json")
