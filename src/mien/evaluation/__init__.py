@@ -1,1 +1,1 @@
-"""Data sets, measures, tables and figures, section 4 of the paper."""
+"""Evaluation: data sets, protocols, measures, the benchmark, its tables and figures."""

@@ -1,1 +1,28 @@
-"""Data sets, one file each."""
+"""Data sets with ground truth, one file each, and `load_dataset`, which finds them by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from mien.errors import require
+from mien.evaluation.datasets import buft, rendered
+from mien.evaluation.datasets.sequence import Sequence
+
+DATASETS: Mapping[str, Callable[[Path], tuple[Sequence, ...]]] = MappingProxyType(
+    {
+        "buft": buft.load,
+        "rendered": rendered.load,
+    }
+)
+
+
+def load_dataset(name: str, path: Path) -> tuple[Sequence, ...]:
+    """The sequences of a data set, in the order of their names.
+
+    Raises MienError for an unknown name (with those that exist), a missing folder, or one without a sequence.
+    """
+    require(name in DATASETS, f"unknown data set {name!r}; the data sets are {', '.join(DATASETS)}")
+    require(path.exists(), f"{path} does not exist; give the folder that holds the data set")
+    return DATASETS[name](path)

@@ -1,0 +1,116 @@
+"""BUFT: the head tracking set of Boston University (La Cascia, Sclaroff and Athitsos, 2000).
+
+Layout: `jam1.avi` or `jam1.mpg` with `jam1.dat` beside it or in another folder below the same root; the
+subjects jam, jim, llm, ssm and vam with nine sequences each make the uniform-light set of 45. Sequences below
+a folder whose name contains `vary` are of kind `varying-light`, all others `uniform-light`.
+
+A row of a `.dat` holds X, Y, depth, roll, yaw, pitch (degrees), with an index before it in files of seven
+columns. The signs are those of head axes (x to the subject's left, y up, z out of the face): positive pitch
+nods down, positive yaw turns the face to the subject's left, positive roll lifts the subject's left.
+OpenFace's angles are (pitch, -yaw, -roll). The order in which the angles are composed is documented nowhere;
+`mien.evaluation.protocols` has the two readings.
+
+The sensor wrote one row more than the video has frames, and the published evaluation drops the first: row i +
+1 belongs to frame i. A file with as many rows as the video has frames is read as row i for frame i, its first
+row dropped as well, which leaves frame 0 without truth. Any other length is refused.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from mien.errors import MienError, require
+from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
+from mien.geometry.rotation import Array
+
+SUBJECTS = ("jam", "jim", "llm", "ssm", "vam")
+COMPLETE = tuple(f"{subject}{number}" for subject in SUBJECTS for number in range(1, 10))
+"""The 45 sequences of the uniform-light set."""
+
+FOCAL_PER_WIDTH = 500 / 320
+"""The camera is documented nowhere; the published OpenFace evaluation takes 500 pixels at 320x240."""
+
+VIDEO_SUFFIXES = (".avi", ".mpg", ".mpeg", ".mp4")
+
+
+def load(root: Path) -> tuple[Sequence, ...]:
+    """Every sequence below a folder: videos that have a `.dat` of the same name."""
+    videos = sorted(p for p in root.rglob("*") if p.suffix.lower() in VIDEO_SUFFIXES)
+    pairs = [(video, dat) for video in videos if (dat := _dat_of(root, video)) is not None]
+    require(
+        bool(pairs),
+        f"{root} holds no sequence of BUFT; it needs videos ({', '.join(VIDEO_SUFFIXES)}), each with a .dat "
+        "of the "
+        "same name beside it or in a folder of its own",
+    )
+    names = [video.stem for video, _ in pairs]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    require(
+        not twice, f"{root} holds more than one sequence named {', '.join(twice)}; give one set at a time"
+    )
+    return tuple(
+        Sequence(
+            video.stem,
+            _kind(root, video),
+            video,
+            (dat,),
+            partial(read_truth, dat),
+            None,
+            None,
+            FOCAL_PER_WIDTH,
+        )
+        for video, dat in pairs
+    )
+
+
+def missing(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Which of the 45 sequences of the uniform-light set are not among these names."""
+    return tuple(n for n in COMPLETE if n not in names)
+
+
+def read_truth(path: Path, frames: int) -> Truth:
+    """The angles of a video's frames, aligned by the rule above. Raises MienError where they do not fit."""
+    angles = read_dat(path)[:, [5, 4, 3]]
+    require(
+        len(angles) in (frames, frames + 1),
+        f"{path} has {len(angles)} rows and its video {frames} frames; it must have one row more than the "
+        "video has "
+        "frames (the first is dropped), or as many: check that they belong together",
+    )
+    angles = angles[1:]
+    if len(angles) < frames:
+        angles = np.vstack([np.full((1, 3), np.nan), angles])
+    return Truth(frames, angles_deg=angles)
+
+
+def read_dat(path: Path) -> Array:
+    """Rows of a `.dat`, (n, 6): X, Y, depth, roll, yaw, pitch. Raises MienError for any other table."""
+    try:
+        rows = np.loadtxt(path, ndmin=2)
+    except ValueError as e:
+        raise MienError(f"{path} is not a table of numbers ({e}); BUFT's .dat has 6 or 7 columns") from e
+    require(
+        rows.shape[1] in (6, 7) and len(rows) > 1,
+        f"{path} has {rows.shape[0]} rows of {rows.shape[1]} columns; BUFT's .dat has 6 (X, Y, depth, roll, "
+        "yaw, "
+        "pitch) or 7 (an index first), with a row for every frame",
+    )
+    require_finite(rows, path, "the truth")
+    return np.asarray(rows[:, -6:], dtype=float)
+
+
+def _dat_of(root: Path, video: Path) -> Path | None:
+    beside = video.with_suffix(".dat")
+    if beside.exists():
+        return beside
+    elsewhere = sorted(root.rglob(beside.name))
+    same_light = [p for p in elsewhere if _kind(root, p) == _kind(root, video)]
+    return next(iter(same_light or elsewhere), None)
+
+
+def _kind(root: Path, path: Path) -> str:
+    folders = (root.name, *path.relative_to(root).parts[:-1])
+    return "varying-light" if any("vary" in f.lower() for f in folders) else "uniform-light"

@@ -1,0 +1,80 @@
+"""Rendered heads with exact truth, in BUFT's layout: `NAME.avi`, `NAME.dat`, `NAME_truth.npz`.
+
+The kind of a sequence is in its name: `a_uniform1` is of kind `uniform`. `NAME_truth.npz` holds `R` (n, 3, 3)
+and `t` with `X_camera = diag(1, -1, -1) R X + t`, `landmarks68` (n, 68, 2), `expression` and
+`expression_names`, and `focal`. Where there is only the `.dat`, it is read by BUFT's rule. Measured on these
+sequences, the `.dat` holds tilt, pan and roll of `R_0^T R_t = Rx(tilt) Ry(pan) Rz(roll)`, which is what the
+protocol `rebased` reads.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from mien.errors import MienError, require
+from mien.evaluation.datasets import buft
+from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite, require_frames
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array
+
+CAMERA = Camera(500.0, 160.0, 120.0)
+
+
+def load(root: Path) -> tuple[Sequence, ...]:
+    """Every sequence of a folder: videos that have an `_truth.npz` or a `.dat` of the same name."""
+    videos = sorted(p for p in root.iterdir() if p.suffix in buft.VIDEO_SUFFIXES) if root.is_dir() else []
+    found = [s for video in videos if (s := _sequence(video)) is not None]
+    require(
+        bool(found),
+        f"{root} holds no rendered sequence; it needs NAME.avi with NAME_truth.npz or NAME.dat beside it",
+    )
+    return tuple(found)
+
+
+def read_truth(path: Path, frames: int) -> Truth:
+    """The exact truth of a `NAME_truth.npz` for a video of so many frames."""
+    values = _read_npz(path)
+    R = np.asarray(values["R"], dtype=float)
+    require_frames(len(R), frames, path)
+    landmarks = _optional(values, "landmarks68")
+    expression = _optional(values, "expression")
+    for name, array in (("the rotation", R), ("a landmark", landmarks), ("the expression", expression)):
+        if array is not None:
+            require_frames(len(array), frames, path)
+            require_finite(array, path, name)
+    names = tuple(str(n) for n in values["expression_names"]) if expression is not None else ()
+    return Truth(
+        frames, rotations=FACING @ R, landmarks=landmarks, expression=expression, expression_names=names
+    )
+
+
+def _sequence(video: Path) -> Sequence | None:
+    exact, dat = video.with_name(f"{video.stem}_truth.npz"), video.with_suffix(".dat")
+    kind = re.sub(r"\d+$", "", video.stem.split("_", 1)[-1])
+    if exact.exists():
+        return Sequence(video.stem, kind, video, (exact,), partial(read_truth, exact), CAMERA)
+    if dat.exists():
+        return Sequence(video.stem, kind, video, (dat,), partial(buft.read_truth, dat), CAMERA)
+    return None
+
+
+def _read_npz(path: Path) -> Mapping[str, Any]:
+    try:
+        values = dict(np.load(path))
+    except (OSError, ValueError, BadZipFile) as e:
+        raise MienError(f"{path} is not an npz file that can be read ({e}); make it again") from e
+    require(
+        "R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)"
+    )
+    return values
+
+
+def _optional(values: Mapping[str, Any], key: str) -> Array | None:
+    return np.asarray(values[key], dtype=float) if key in values else None

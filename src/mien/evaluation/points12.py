@@ -1,0 +1,71 @@
+"""The twelve points of the paper's Fig. 3, around eyes, nose and mouth, in every scheme of landmarks.
+
+| point | iBUG-68 | MediaPipe |
+|---|---|---|
+| outer and inner corner of the right eye | 36, 39 | 33, 133 |
+| inner and outer corner of the left eye | 42, 45 | 362, 263 |
+| tip of the nose, its base | 30, 33 | 4, 2 |
+| outer edges of the right and the left nostril | 31, 35 | 64, 294 |
+| right and left corner of the mouth | 48, 54 | 61, 291 |
+| middle of the outer upper and lower lip | 51, 57 | 0, 17 |
+
+The figure shows the points and no numbers; these twelve are those of its picture that both annotations
+define. "Right" is the subject's.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from mien.geometry.rotation import Array
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
+
+POINT_NAMES = (
+    "right_eye_outer_corner",
+    "right_eye_inner_corner",
+    "left_eye_inner_corner",
+    "left_eye_outer_corner",
+    "nose_tip",
+    "nose_base_mid",
+    "right_nostril_outer",
+    "left_nostril_outer",
+    "right_mouth_corner_outer",
+    "left_mouth_corner_outer",
+    "upper_lip_outer",
+    "lower_lip_outer",
+)
+
+
+def points_of_names(points: Array, names: tuple[str, ...]) -> Array | None:
+    """(n, k, 2) with k names -> (n, 12, 2); None where one of the twelve is not among them."""
+    if any(name not in names for name in POINT_NAMES):
+        return None
+    return points[:, [names.index(name) for name in POINT_NAMES]]
+
+
+def points_of_scheme(points: Array, scheme: str) -> Array:
+    """(n, k, 2) of a scheme of landmarks -> (n, 12, 2)."""
+    rows = _rows(scheme, points.shape[1])
+    return points[:, [rows[LANDMARK_VERTICES[name]] for name in POINT_NAMES]]
+
+
+def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
+    """A name for each of the points of a scheme: that of the landmark of CANDIDE, or its number."""
+    vertices = {row: vertex for vertex, row in _rows(scheme, count).items()}
+    names = {vertex: name for name, vertex in LANDMARK_VERTICES.items()}
+    return tuple(names.get(vertices.get(i, -1), f"{scheme}_{i}") for i in range(count))
+
+
+def outer_eye_distance(points12: Array) -> Array:
+    """(n, 12, 2) -> (n,) pixels between the outer corners of the eyes."""
+    return np.asarray(np.linalg.norm(points12[:, 0] - points12[:, 3], axis=-1))
+
+
+@cache
+def _rows(scheme: str, count: int) -> dict[int, int]:
+    """Vertex of CANDIDE -> row of the scheme."""
+    rows = Landmarks(np.column_stack([np.arange(count, dtype=float)] * 2), scheme)
+    vertices, points, _ = rows.correspondences()
+    return {int(v): int(p[0]) for v, p in zip(vertices, points, strict=True)}

@@ -1,0 +1,201 @@
+"""How a track is compared with the truth: which angles, relative to what, with which frames.
+
+Every protocol compares the rotation since the first frame that has truth, because a tracker starts there and
+the axes of a sensor are not those of the camera. Angles are tilt (about x), pan (about y) and roll (about z)
+of head axes, in degrees; the signs of pan and roll are thus the opposite of OpenFace's and the absolute
+errors the same.
+
+| protocol | relative rotation | angles of | frames that count |
+|---|---|---|---|
+| `rebased` | `R_0^T R_t` | `Rx Ry Rz` | all; a lost frame holds the last rotation |
+| `sensor` | `R_t R_0^T` | `Ry Rx Rz` | all; a lost frame holds the last rotation |
+| `paper` | `R_0^T R_t` | `Rx Ry Rz` | the tracked ones: `e_i` of the paper at most the threshold |
+
+`rebased` is the published OpenFace evaluation of BUFT. `sensor` is the other reading of the undocumented
+`.dat`. Where the truth is a file of angles, the order of the protocol is the order in which they are read;
+exact rotations need no reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mien.errors import MienError, require
+from mien.evaluation.datasets.sequence import Truth
+from mien.geometry.rotation import FACING, Array, angle_between
+from mien.tracking.state import Mask
+
+ANGLE_NAMES = ("tilt", "pan", "roll")
+
+DEFAULT_LOST_DEG = 30.0
+"""A frame is lost in the protocol `paper` when the root of its error e_i exceeds this many degrees.
+
+The paper prints no threshold. 30 degrees is where a track no longer says which way the face looks, and the
+curve of P_s against the threshold is part of every report."""
+
+
+class Protocol(str, Enum):
+    """A way to compare, named in every table."""
+
+    PAPER = "paper"
+    REBASED = "rebased"
+    SENSOR = "sensor"
+
+    @property
+    def order(self) -> str:
+        """Order of the intrinsic rotations, in SciPy's letters."""
+        return "YXZ" if self is Protocol.SENSOR else "XYZ"
+
+
+def protocol_named(name: str) -> Protocol:
+    """The protocol of this name. Raises MienError with those that exist."""
+    names = [p.value for p in Protocol]
+    require(name in names, f"unknown protocol {name!r}; the protocols are {', '.join(names)}")
+    return Protocol(name)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Truth and estimate of n frames in the angles of one protocol.
+
+    truth_deg, estimate_deg: (n, 3) tilt, pan, roll since the first frame, the estimate held where it was
+    lost; rotation_error_deg: (n,) angle between the two rotations; lost: (n,) frames in which the tracker
+    gave no pose; sd_deg: (n, 3) and covariance_deg2: (n, 3, 3) of the estimate's angles, NaN where it gave
+    none. Rows without truth are NaN throughout.
+    """
+
+    protocol: Protocol
+    truth_deg: Array
+    estimate_deg: Array
+    rotation_error_deg: Array
+    lost: Mask
+    covariance_deg2: Array
+
+    @property
+    def error_deg(self) -> Array:
+        """(n, 3) estimate minus truth, between -180 and 180."""
+        return wrap_deg(self.estimate_deg - self.truth_deg)
+
+    @property
+    def sd_deg(self) -> Array:
+        """(n, 3) standard deviations of the estimate's angles."""
+        return np.sqrt(np.diagonal(self.covariance_deg2, axis1=1, axis2=2))
+
+    @property
+    def known(self) -> Mask:
+        """(n,) frames that have truth."""
+        return np.asarray(np.isfinite(self.truth_deg).all(axis=1))
+
+    @property
+    def squared_error(self) -> Array:
+        """(n,) e_i of the paper, degrees squared; infinite where the tracker gave no pose."""
+        e = (self.error_deg**2).sum(axis=1)
+        return np.where(self.lost, np.inf, e)
+
+    def tracked(self, lost_deg: float = DEFAULT_LOST_DEG) -> Mask:
+        """(n,) frames of the paper's S_s: with truth, and not lost."""
+        return self.known & (self.squared_error <= lost_deg**2)
+
+    def counted(self, lost_deg: float = DEFAULT_LOST_DEG) -> Mask:
+        """(n,) frames whose errors the protocol averages."""
+        return self.tracked(lost_deg) if self.protocol is Protocol.PAPER else self.known
+
+
+def compare(
+    protocol: Protocol, truth: Truth, rotations: Array, covariance: Array | None = None
+) -> Comparison:
+    """A track in the angles of a protocol beside its truth.
+
+    rotations: (n, 3, 3) head -> camera, NaN where lost; covariance: (n, 3, 3) of the rotation vector in
+    camera axes (radians squared). Raises MienError where truth or track have no pose, or the track none in
+    the first frame.
+    """
+    require(truth.has_pose, "the sequence has no truth of the pose; only its landmarks can be compared")
+    require(
+        len(rotations) == truth.frames, f"the track has {len(rotations)} frames and the truth {truth.frames}"
+    )
+    true_R = truth_rotations(protocol, truth)
+    known = np.isfinite(true_R).all(axis=(1, 2))
+    require(bool(known.any()), "the truth gives no pose for any frame")
+    lost = ~np.isfinite(rotations).all(axis=(1, 2))
+    held = hold(rotations)
+    first = int(np.argmax(known))
+    if not np.isfinite(held[first]).all():
+        raise MienError("the tracker gave no pose in the first frame, from which every protocol measures")
+    A_true, A = relative(protocol, true_R, first), relative(protocol, held, first)
+    return Comparison(
+        protocol,
+        angles_deg(A_true, protocol.order),
+        np.where(known[:, None], angles_deg(A, protocol.order), np.nan),
+        np.degrees(angle_between(A_true, A)),
+        lost & known,
+        _angle_covariance(
+            protocol, A, held[first], np.full_like(held, np.nan) if covariance is None else covariance
+        ),
+    )
+
+
+def truth_rotations(protocol: Protocol, truth: Truth) -> Array:
+    """(n, 3, 3) head -> camera: exact, or the sensor's angles read in the order of the protocol."""
+    if truth.rotations is not None:
+        return truth.rotations
+    assert truth.angles_deg is not None
+    columns = ["XYZ".index(axis) for axis in protocol.order]
+    out = np.full((truth.frames, 3, 3), np.nan)
+    known = np.isfinite(truth.angles_deg).all(axis=1)
+    angles = truth.angles_deg[known][:, columns]
+    out[known] = FACING @ Rotation.from_euler(protocol.order, angles, degrees=True).as_matrix()
+    return out
+
+
+def relative(protocol: Protocol, rotations: Array, first: int = 0) -> Array:
+    """(n, 3, 3) rotations since the first frame, in head axes; `sensor` has axes that stay with the camera."""
+    if protocol is Protocol.SENSOR:
+        return np.asarray(FACING @ rotations @ rotations[first].T @ FACING)
+    return np.asarray(rotations[first].T @ rotations)
+
+
+def hold(rotations: Array) -> Array:
+    """(n, 3, 3) with every lost row replaced by the last one known before it."""
+    known = np.isfinite(rotations).all(axis=(1, 2))
+    last = np.maximum.accumulate(np.where(known, np.arange(len(rotations)), -1))
+    return np.where((last >= 0)[:, None, None], rotations[np.maximum(last, 0)], np.nan)
+
+
+def angles_deg(rotations: Array, order: str) -> Array:
+    """(n, 3, 3) -> (n, 3) tilt, pan, roll in degrees; NaN rows stay NaN."""
+    known = np.isfinite(rotations).all(axis=(1, 2))
+    out = np.full((len(rotations), 3), np.nan)
+    if known.any():
+        angles = Rotation.from_matrix(rotations[known]).as_euler(order, degrees=True)
+        out[known] = angles[:, [order.index(c) for c in "XYZ"]]
+    return out
+
+
+def wrap_deg(angles: Array) -> Array:
+    """Angles brought to [-180, 180)."""
+    return np.asarray((angles + 180.0) % 360.0 - 180.0)
+
+
+def _angle_covariance(protocol: Protocol, A: Array, R_first: Array, covariance: Array) -> Array:
+    """(n, 3, 3) degrees squared: covariance of the protocol's angles from that of the rotation vector.
+
+    The reported uncertainty is taken as that of the rotation since the first frame.
+    """
+    to_relative = FACING if protocol is Protocol.SENSOR else R_first.T
+    J = _angle_jacobian(A, protocol.order) @ to_relative
+    return np.asarray(J @ covariance @ np.swapaxes(J, 1, 2)) * np.degrees(1.0) ** 2
+
+
+def _angle_jacobian(A: Array, order: str, step: float = 1e-5) -> Array:
+    """(n, 3, 3) with `angles(exp(w) A) = angles(A) + J w`, radians, by central differences."""
+    columns = []
+    for axis in np.eye(3):
+        plus, minus = (Rotation.from_rotvec(s * step * axis).as_matrix() @ A for s in (1.0, -1.0))
+        difference = wrap_deg(angles_deg(plus, order) - angles_deg(minus, order))
+        columns.append(np.radians(difference) / (2 * step))
+    return np.stack(columns, axis=-1)

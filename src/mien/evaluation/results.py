@@ -1,0 +1,185 @@
+"""What a run leaves behind: one `.npz` a tracker and sequence, the only thing that a report reads."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError
+from mien.evaluation.datasets.sequence import Truth
+from mien.files import whole_file
+from mien.geometry.rotation import Array
+from mien.tracking.state import Estimate, Mask, Status
+
+
+@dataclass(frozen=True)
+class TrackTable:
+    """A tracker's estimates of n frames as arrays; NaN where it gave nothing.
+
+    time: (n,) seconds; status: (n,) values of `Status`; rotation: (n, 3, 3) head -> camera;
+    rotation_covariance: (n, 3, 3) of the rotation vector in camera axes; animation: (n, 6); confidence: (n,);
+    landmarks: (n, k, 2) pixels with k names; reasons: (n,) why a frame was lost.
+    """
+
+    time: Array
+    status: tuple[str, ...]
+    rotation: Array
+    rotation_covariance: Array
+    animation: Array
+    confidence: Array
+    landmarks: Array
+    landmark_names: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def frames(self) -> int:
+        return len(self.time)
+
+    @property
+    def lost(self) -> Mask:
+        return np.array([s == Status.LOST.value for s in self.status], dtype=bool)
+
+    @classmethod
+    def of(cls, estimates: Sequence[Estimate]) -> TrackTable:
+        """The arrays of a list of estimates, one a frame."""
+        names = next((e.landmarks.names for e in estimates if e.landmarks is not None), ())
+        return cls(
+            time=np.array([e.time for e in estimates]),
+            status=tuple(e.status.value for e in estimates),
+            rotation=_stack([e.rotation for e in estimates], (3, 3)),
+            rotation_covariance=_stack(
+                [None if e.covariance is None else e.covariance[:3, :3] for e in estimates], (3, 3)
+            ),
+            animation=_stack([e.animation for e in estimates], (len(TRACKED_UNITS),)),
+            confidence=np.array([e.confidence for e in estimates]),
+            landmarks=_stack(
+                [None if e.landmarks is None else e.landmarks.image for e in estimates], (len(names), 2)
+            ),
+            landmark_names=names,
+            reasons=tuple(e.reason for e in estimates),
+        )
+
+
+@dataclass(frozen=True)
+class SequenceResult:
+    """One tracker on one sequence: its track and the truth, or why there is none.
+
+    settings: what the run was made with, from which a later run sees whether it may be kept; pictures: JPEG
+    images of the frames with the largest errors, by frame.
+    """
+
+    tracker: str
+    dataset: str
+    sequence: str
+    kind: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    failure: str = ""
+    track: TrackTable | None = None
+    truth: Truth | None = None
+    pictures: Mapping[int, NDArray[np.uint8]] = field(default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Write the result, whole or not at all."""
+        meta = {k: getattr(self, k) for k in ("tracker", "dataset", "sequence", "kind", "failure")}
+        arrays: dict[str, Any] = {"meta": json.dumps({**meta, "settings": dict(self.settings)})}
+        arrays |= _arrays_of("track", self.track) | _arrays_of("truth", self.truth)
+        arrays |= {f"picture.{frame}": jpeg for frame, jpeg in self.pictures.items()}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as beside, beside.open("wb") as f:
+            np.savez_compressed(f, **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> SequenceResult:
+        """Read a result. Raises MienError where the file is not one."""
+        try:
+            with np.load(path) as file:
+                values = {name: file[name] for name in file.files}
+            meta = json.loads(str(values["meta"]))
+            return cls(
+                **meta,
+                track=_from_arrays(TrackTable, "track", values),
+                truth=_from_arrays(Truth, "truth", values),
+                pictures={int(k.split(".")[1]): v for k, v in values.items() if k.startswith("picture.")},
+            )
+        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as e:
+            raise MienError(
+                f"{path} is not a result of this version ({e}); remove it and run it again"
+            ) from e
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The cost of one tracker on one sequence, from a run of its own.
+
+    frame_seconds: of `track`, without decoding, one a frame after the first; training_seconds: of
+    `initialize`; peak_mb: largest resident memory of the process, with interpreter and libraries; threads:
+    what it could use.
+    """
+
+    tracker: str
+    sequence: str
+    frame_seconds: tuple[float, ...]
+    training_seconds: float
+    peak_mb: float
+    threads: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def frames_per_second(self) -> float:
+        return len(self.frame_seconds) / sum(self.frame_seconds)
+
+    def save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as beside:
+            beside.write_text(json.dumps(self.__dict__, indent=1), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: Path) -> Timing:
+        """Read a timing. Raises MienError where the file is not one."""
+        try:
+            values = json.loads(path.read_text(encoding="utf-8"))
+            return cls(**{**values, "frame_seconds": tuple(values["frame_seconds"])})
+        except (OSError, ValueError, KeyError, TypeError) as e:
+            raise MienError(
+                f"{path} is not a timing of this version ({e}); remove it and run it again"
+            ) from e
+
+
+def _stack(values: Sequence[Array | None], shape: tuple[int, ...]) -> Array:
+    """(n, *shape), NaN where a value is missing."""
+    blank = np.full(shape, np.nan)
+    return np.array([blank if v is None else v for v in values], dtype=float).reshape(len(values), *shape)
+
+
+def _arrays_of(prefix: str, value: TrackTable | Truth | None) -> dict[str, Any]:
+    if value is None:
+        return {}
+    members = {f.name: getattr(value, f.name) for f in fields(value)}
+    return {f"{prefix}.{k}": np.asarray(v) for k, v in members.items() if v is not None}
+
+
+def _from_arrays(cls: type[Any], prefix: str, values: Mapping[str, Any]) -> Any:
+    members: dict[str, Any] = {}
+    for name, value in values.items():
+        if name.startswith(f"{prefix}."):
+            members[name.split(".", 1)[1]] = _plain(value)
+    return cls(**members) if members else None
+
+
+def _plain(value: NDArray[Any]) -> Any:
+    """Text and single numbers as Python's own, so that what is read equals what was written."""
+    if value.ndim == 0:
+        return value.item()
+    return (
+        tuple(str(v) for v in value)
+        if value.dtype.kind == "U" or (value.size == 0 and value.ndim == 1)
+        else value
+    )

@@ -1,0 +1,167 @@
+"""One tracker on one sequence, in this process."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.errors import MienError, require
+from mien.evaluation.datasets.sequence import Sequence, Truth
+from mien.evaluation.metrics import landmark_rms
+from mien.evaluation.points12 import points_of_names, points_of_scheme
+from mien.evaluation.protocols import Protocol, compare
+from mien.evaluation.results import SequenceResult, Timing, TrackTable
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.state import Estimate, Status, Tracker
+from mien.video import Frame, open_video
+
+WORST_FRAMES = 20
+"""Frames whose pictures a result keeps: the contact sheet shows the worst twenty of all sequences."""
+
+WARM_UP_FRAMES = 2
+MAXIMUM_TIMED_FRAMES = 1000
+
+
+def run_sequence(
+    tracker: Tracker,
+    sequence: Sequence,
+    landmarks: Landmarks,
+    name: str = "tracker",
+    dataset: str = "",
+    settings: Mapping[str, Any] | None = None,
+) -> SequenceResult:
+    """Track every frame of a sequence from these landmarks of its first frame.
+
+    Raises MienError where truth and video do not fit, and whatever the tracker raises.
+    """
+    truth = sequence.read_truth(count_frames(sequence.video))
+    track = TrackTable.of(list(_estimates(tracker, sequence, landmarks)))
+    worst = worst_frames(track, truth)
+    return SequenceResult(
+        name,
+        dataset,
+        sequence.name,
+        sequence.kind,
+        settings or {},
+        "",
+        track,
+        truth,
+        _pictures(sequence.video, worst),
+    )
+
+
+def time_sequence(
+    make_tracker: Any, sequence: Sequence, landmarks: Landmarks, name: str = "tracker"
+) -> Timing:
+    """Seconds of each call of a tracker, without decoding, after a warm-up with a tracker of its own.
+
+    make_tracker: called without arguments; the warm-up pays for what is compiled or loaded once in a process.
+    """
+    for _ in _estimates(make_tracker(), sequence, landmarks, frames=1 + WARM_UP_FRAMES):
+        pass
+    seconds: list[float] = []
+    for _ in _estimates(make_tracker(), sequence, landmarks, MAXIMUM_TIMED_FRAMES, seconds):
+        pass
+    require(len(seconds) > 1, f"{sequence.video} has one frame only; there is nothing to time")
+    return Timing(name, sequence.name, tuple(seconds[1:]), seconds[0], peak_memory_mb(), threads())
+
+
+def count_frames(video: Path) -> int:
+    """The frames of a video that decode; MienError where there is none."""
+    count = sum(1 for _ in open_video(video))
+    require(count > 0, f"{video} holds no frame that decodes; leave the sequence out")
+    return count
+
+
+def worst_frames(track: TrackTable, truth: Truth, count: int = WORST_FRAMES) -> tuple[int, ...]:
+    """The frames with the largest rotation error since the first frame, or landmark error where there is no
+    pose.
+    """
+    error = frame_errors(track, truth)
+    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
+    return tuple(int(i) for i in order[:count] if np.isfinite(error[i]))
+
+
+def frame_errors(track: TrackTable, truth: Truth) -> NDArray[np.float64]:
+    """(n,) degrees of rotation error, or pixels of the twelve points where there is no pose; NaN where
+    unknown.
+    """
+    if truth.has_pose and np.isfinite(track.rotation[0]).all():
+        return compare(Protocol.REBASED, truth, track.rotation).rotation_error_deg
+    points = points_of_names(track.landmarks, track.landmark_names)
+    if truth.landmarks is None or points is None:
+        return np.full(track.frames, np.nan)
+    return landmark_rms(points, points_of_scheme(truth.landmarks, truth.landmark_scheme))
+
+
+def peak_memory_mb() -> float:
+    """Largest resident memory of this process so far, in megabytes."""
+    status = Path("/proc/self/status")
+    if status.exists():  # unlike ru_maxrss this leaves out what the parent held before exec
+        line = next(row for row in status.read_text().splitlines() if row.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024
+    import resource
+    import sys
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def threads() -> str:
+    """How many threads the numerical libraries of this process may use."""
+    return os.environ.get("OMP_NUM_THREADS") or f"all of {os.cpu_count()}"
+
+
+def _estimates(
+    tracker: Tracker,
+    sequence: Sequence,
+    landmarks: Landmarks,
+    frames: int | None = None,
+    seconds: list[float] | None = None,
+) -> Any:
+    for frame in islice(open_video(sequence.video), frames):
+        start = time.perf_counter()
+        if frame.index == 0:
+            camera = sequence.camera_for(frame.width, frame.height)
+            estimate = tracker.initialize(frame, landmarks, camera)
+        else:
+            estimate = tracker.track(frame)
+        if seconds is not None:
+            seconds.append(time.perf_counter() - start)
+        _check(estimate, frame)
+        yield estimate
+
+
+def _check(estimate: Estimate, frame: Frame) -> None:
+    """A tracker that breaks the protocol is not measured."""
+    if not isinstance(estimate, Estimate):
+        raise MienError(
+            f"frame {frame.index}: the tracker returned {type(estimate).__name__}, not an Estimate"
+        )
+    R = estimate.rotation
+    broken = R is not None and (np.shape(R) != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4))
+    require(
+        not broken and not (estimate.status is Status.LOST and R is not None),
+        f"frame {frame.index}: the tracker's rotation is not one, or belongs to a lost frame; "
+        "every frame is either lost or has a rotation matrix",
+    )
+
+
+def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, NDArray[np.uint8]]:
+    """JPEG of these frames, by index."""
+    wanted = set(frames)
+    out = {}
+    for frame in islice(open_video(video), max(wanted, default=-1) + 1):
+        if frame.index in wanted:
+            bgr = cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2BGR)
+            out[frame.index] = np.asarray(
+                cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]
+            ).ravel()
+    return out
