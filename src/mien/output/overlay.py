@@ -20,9 +20,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.tracking.state import Estimate, TrackedLandmarks
-from mien.video import Frame
-
-Pixels = NDArray[np.uint8]
+from mien.video import Frame, Pixels
 
 SMALLEST_WIDTH = 640
 """Narrower frames are enlarged by a whole factor before they are drawn upon, so that the mesh stays fine."""
