@@ -1,0 +1,77 @@
+"""The part of an image that holds the face, resampled to a fixed size of the face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.geometry.rotation import Array
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A similarity from image to crop: `q = scale * Rot(-angle) (p - centre) + (size - 1) / 2`.
+
+    centre: (2,) image pixels; scale: crop pixels per image pixel; angle: radians, the direction in the image
+    that becomes the crop's u axis; size: side of the crop in pixels.
+    """
+
+    centre: tuple[float, float]
+    scale: float
+    angle: float
+    size: int
+
+    @property
+    def linear(self) -> Array:
+        """(2, 2) linear part: crop pixels by image pixels."""
+        c, s = self.scale * np.cos(self.angle), self.scale * np.sin(self.angle)
+        return np.array([[c, s], [-s, c]])
+
+    def to_crop(self, p: Array) -> Array:
+        """(..., 2) image pixels -> (..., 2) crop pixels."""
+        return np.asarray((p - np.array(self.centre)) @ self.linear.T + 0.5 * (self.size - 1))
+
+    def to_image(self, q: Array) -> Array:
+        """(..., 2) crop pixels -> (..., 2) image pixels."""
+        inverse = np.linalg.inv(self.linear)
+        return np.asarray((q - 0.5 * (self.size - 1)) @ inverse.T + np.array(self.centre))
+
+    def sample(self, pixels: NDArray[np.uint8], blur: float = 0.0) -> Float32:
+        """Grey crop (size, size) float32 of an image (H, W, 3) or (H, W) uint8; beyond its edge the edge repeats.
+
+        Costs what the crop costs, whatever the size of the image.
+        """
+        source, offset, shrink = self._region(pixels)
+        A = np.empty((2, 3))
+        A[:, :2] = self.linear * shrink
+        A[:, 2] = 0.5 * (self.size - 1) - self.linear @ (np.array(self.centre) - offset - 0.5 * (shrink - 1))
+        crop = cv2.warpAffine(
+            source, A, (self.size, self.size), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        gray = (cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY) if crop.ndim == 3 else crop).astype(np.float32)
+        return blurred(gray, blur)
+
+    def _region(self, pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Array, int]:
+        """The pixels that the crop needs, where they begin, and by how much they were shrunk against aliasing."""
+        height, width = pixels.shape[:2]
+        reach = int(0.71 * self.size / self.scale) + 3
+        x0, y0 = (int(np.clip(c - reach, 0, n - 1)) for c, n in zip(self.centre, (width, height), strict=True))
+        x1, y1 = (int(np.clip(c + reach, 1, n)) for c, n in zip(self.centre, (width, height), strict=True))
+        region = pixels[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
+        shrink = max(int(1 / self.scale), 1)
+        if shrink > 1 and min(region.shape[:2]) >= shrink:
+            h, w = region.shape[0] // shrink, region.shape[1] // shrink
+            region = cv2.resize(region[: h * shrink, : w * shrink], (w, h), interpolation=cv2.INTER_AREA)
+        else:
+            shrink = 1
+        return region, np.array([x0, y0], dtype=float), shrink
+
+
+def blurred(gray: Float32, sd: float) -> Float32:
+    """Gaussian blur with this standard deviation in pixels; the same image for 0."""
+    return np.asarray(cv2.GaussianBlur(gray, (0, 0), sd), dtype=np.float32) if sd > 0 else gray

@@ -1,0 +1,227 @@
+"""SIFT descriptors at given points, by our kernel or by OpenCV.
+
+D. Lowe, Distinctive image features from scale-invariant keypoints, IJCV 60, 2004: 4x4 cells of eight gradient
+orientations, interpolated linearly between cells and orientations, weighted by a Gaussian window, normalised,
+clipped at 0.2, normalised again. The kernel builds the eight orientation maps of an image once, smooths them with
+the triangle that linear interpolation between cells amounts to, and then reads a descriptor at any point, and
+its derivative by the point, from sixteen bilinear samples. It weights by the Gaussian per cell where Lowe
+weights per pixel; `tests/appearance/test_descriptors.py` holds it to OpenCV's descriptor.
+
+A point's keypoint size in OpenCV's terms is `cell * 2 / 3`: a cell is 3 sizes / 2 wide.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.geometry.rotation import Array
+
+Float32 = NDArray[np.float32]
+
+LENGTH = 128
+ORIENTATIONS = 8
+OPENCV_BLUR = 1.52
+"""Standard deviation of the Gaussian, in pixels, with which OpenCV prepares an image for its first octave."""
+_FAST = {"contract", "reassoc", "arcp", "nsz", "ninf", "nnan"}
+
+
+def orientation_maps(gray: Float32, cell: int) -> Float32:
+    """Gradient magnitude by orientation, smoothed by a triangle of half width `cell`: (H, W) -> (H, W, 8)."""
+    maps = np.zeros((*gray.shape, ORIENTATIONS), np.float32)
+    _gradients(gray, maps)
+    _box_twice(maps, cell)
+    return maps
+
+
+def describe(maps: Float32, points: Array, cell: int) -> Float32:
+    """Descriptors of unit length (n, 128) at image points (n, 2)."""
+    out = np.empty((len(points), LENGTH), np.float32)
+    _describe(maps, points, cell, out)
+    return out
+
+
+def describe_with_jacobian(maps: Float32, points: Array, cell: int) -> tuple[Float32, Float32]:
+    """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
+    out = np.empty((len(points), LENGTH), np.float32)
+    J = np.empty((len(points), 2, LENGTH), np.float32)
+    _describe_with_jacobian(maps, points, cell, out, J)
+    return out, J
+
+
+def describe_with_opencv(gray: Float32, points: Array, cell: int) -> Float32:
+    """Upright SIFT descriptors by OpenCV, scaled to unit length (n, 128).
+
+    OpenCV reads at the nearest pixel; a point outside the image is moved to its edge.
+    """
+    height, width = gray.shape
+    inside = np.clip(points, 0, [width - 1, height - 1])
+    keypoints = [cv2.KeyPoint(float(x), float(y), cell * 2 / 3, 0.0) for x, y in inside]
+    _, descriptors = cv2.SIFT_create().compute(np.clip(gray, 0, 255).astype(np.uint8), keypoints)
+    return _to_kernel_order(descriptors)
+
+
+def _to_kernel_order(descriptors: Float32) -> Float32:
+    """OpenCV's orientations turn the other way (its angle is 360 - angle, v counted upwards)."""
+    d = descriptors.reshape(-1, 4, 4, ORIENTATIONS)
+    d = d[:, :, :, (-np.arange(ORIENTATIONS)) % ORIENTATIONS]
+    d = d.reshape(-1, LENGTH).astype(np.float32)
+    return np.asarray(d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12))
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _gradients(gray: Any, maps: Any) -> None:
+    """Magnitude of the gradient, split between the two nearest of eight orientations."""
+    height, width = gray.shape
+    for y in range(1, height - 1):
+        for x in range(1, width - 1):
+            gx = gray[y, x + 1] - gray[y, x - 1]
+            gy = gray[y + 1, x] - gray[y - 1, x]
+            ax, ay = abs(gx), abs(gy)
+            big, small = max(ax, ay), min(ax, ay)
+            if big < 1e-6:
+                continue
+            r = small / big
+            # atan(r) in units of 45 degrees, by a polynomial that is right to 0.01 degrees.
+            angle = r * (1.0 + (1.0 - r) * (0.2765881 + r * (0.2582636 - 0.1778958 * r)))
+            if ay > ax:
+                angle = 2.0 - angle
+            if gx < 0:
+                angle = 4.0 - angle
+            if gy < 0:
+                angle = 8.0 - angle
+            magnitude = np.sqrt(gx * gx + gy * gy)
+            k = int(angle)
+            f = np.float32(angle - k)
+            maps[y, x, k & 7] += magnitude * (np.float32(1.0) - f)
+            maps[y, x, (k + 1) & 7] += magnitude * f
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _box_twice(maps: Any, width: int) -> None:
+    """Two running means of `width` pixels along each axis, together a triangle of that half width."""
+    rows, columns, channels = maps.shape
+    left = width // 2  # the two boxes of an even width are off centre to opposite sides
+    scale = np.float32(1.0 / width)
+    flat = maps.reshape(rows, columns * channels)
+    buffer = np.empty_like(flat)
+    for source, target, before in ((flat, buffer, left), (buffer, flat, width - 1 - left)):
+        sums = np.zeros(columns * channels, np.float32)
+        after = width - 1 - before
+        for y in range(-after, rows):
+            if y + after < rows:
+                for i in range(sums.size):
+                    sums[i] += source[y + after, i]
+            if y - before - 1 >= 0:
+                for i in range(sums.size):
+                    sums[i] -= source[y - before - 1, i]
+            if y >= 0:
+                for i in range(sums.size):
+                    target[y, i] = sums[i] * scale
+    line = np.empty((columns, channels), np.float32)
+    for y in range(rows):
+        _box_line(maps[y], line, width, left, scale)
+        _box_line(line, maps[y], width, width - 1 - left, scale)
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _box_line(source: Any, target: Any, width: int, before: int, scale: Any) -> None:
+    columns = source.shape[0]
+    after = width - 1 - before
+    sums = np.zeros(8, np.float32)
+    for x in range(-after, columns):
+        if x + after < columns:
+            for k in range(8):
+                sums[k] += source[x + after, k]
+        if x - before - 1 >= 0:
+            for k in range(8):
+                sums[k] -= source[x - before - 1, k]
+        if x >= 0:
+            for k in range(8):
+                target[x, k] = sums[k] * scale
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _cell_weight(i: int, j: int) -> Any:
+    """Lowe's Gaussian window, of two cells' standard deviation, in the middle of cell (i, j)."""
+    return np.float32(np.exp(-0.125 * ((i - 1.5) ** 2 + (j - 1.5) ** 2)))
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _describe(maps: Any, points: Any, cell: int, out: Any) -> None:
+    height, width = maps.shape[0], maps.shape[1]
+    for n in range(points.shape[0]):
+        for i in range(4):
+            for j in range(4):
+                x = min(max(points[n, 0] + (j - 1.5) * cell, 0.0), width - 1.001)
+                y = min(max(points[n, 1] + (i - 1.5) * cell, 0.0), height - 1.001)
+                ix, iy = int(x), int(y)
+                fx, fy = np.float32(x - ix), np.float32(y - iy)
+                w = _cell_weight(i, j)
+                w00, w01 = w * (1 - fy) * (1 - fx), w * (1 - fy) * fx
+                w10, w11 = w * fy * (1 - fx), w * fy * fx
+                o = 32 * i + 8 * j
+                for k in range(8):
+                    out[n, o + k] = (
+                        w00 * maps[iy, ix, k] + w01 * maps[iy, ix + 1, k]
+                        + w10 * maps[iy + 1, ix, k] + w11 * maps[iy + 1, ix + 1, k]
+                    )  # fmt: skip
+        _normalize(out[n])
+        for i in range(128):
+            out[n, i] = min(out[n, i], np.float32(0.2))
+        _normalize(out[n])
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _normalize(v: Any) -> Any:
+    squared = np.float32(1e-12)
+    for i in range(v.size):
+        squared += v[i] * v[i]
+    inverse = np.float32(1.0) / np.sqrt(squared)
+    for i in range(v.size):
+        v[i] *= inverse
+    return inverse
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _describe_with_jacobian(maps: Any, points: Any, cell: int, out: Any, J: Any) -> None:
+    height, width = maps.shape[0], maps.shape[1]
+    for n in range(points.shape[0]):
+        for i in range(4):
+            for j in range(4):
+                x = min(max(points[n, 0] + (j - 1.5) * cell, 0.0), width - 1.001)
+                y = min(max(points[n, 1] + (i - 1.5) * cell, 0.0), height - 1.001)
+                ix, iy = int(x), int(y)
+                fx, fy = np.float32(x - ix), np.float32(y - iy)
+                w = _cell_weight(i, j)
+                gx, gy = 1 - fx, 1 - fy
+                o = 32 * i + 8 * j
+                for k in range(8):
+                    a, b = maps[iy, ix, k], maps[iy, ix + 1, k]
+                    c, d = maps[iy + 1, ix, k], maps[iy + 1, ix + 1, k]
+                    out[n, o + k] = w * (gy * (gx * a + fx * b) + fy * (gx * c + fx * d))
+                    J[n, 0, o + k] = w * (gy * (b - a) + fy * (d - c))
+                    J[n, 1, o + k] = w * (gx * (c - a) + fx * (d - b))
+        _normalize_with_jacobian(out[n], J[n])
+        for i in range(128):
+            if out[n, i] > np.float32(0.2):
+                out[n, i] = np.float32(0.2)
+                J[n, 0, i] = 0.0
+                J[n, 1, i] = 0.0
+        _normalize_with_jacobian(out[n], J[n])
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _normalize_with_jacobian(v: Any, J: Any) -> None:
+    """d (v / |v|) = (dv - u (u . dv)) / |v| with u = v / |v|."""
+    inverse = _normalize(v)
+    for a in range(2):
+        along = np.float32(0.0)
+        for i in range(128):
+            along += v[i] * J[a, i]
+        for i in range(128):
+            J[a, i] = (J[a, i] - v[i] * along) * inverse

@@ -1,0 +1,114 @@
+"""A z-buffered renderer of a textured triangle mesh seen by a pinhole camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image mapped onto a mesh: image (H, W, C) float32, and where in it each vertex lies, uv (V, 2) pixels."""
+
+    image: Image
+    uv: Array
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Rendered image (H, W, C) float32, depth (H, W) float32 with infinity where there is no surface."""
+
+    image: Image
+    depth: Image
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """(H, W): where the mesh was drawn."""
+        return np.isfinite(self.depth)
+
+
+def render(
+    vertices: Array,
+    triangles: NDArray[np.intp],
+    texture: Texture,
+    camera: Camera,
+    width: int,
+    height: int,
+    background: Image | float = 0.0,
+) -> Rendering:
+    """Draw a mesh: vertices (V, 3) in camera axes, triangles (T, 3) counter-clockwise seen from outside.
+
+    Surfaces that face away are not drawn. Interpolation is perspective-correct, sampling bilinear.
+    """
+    channels = texture.image.shape[2]
+    image = np.empty((height, width, channels), np.float32)
+    image[:] = background
+    depth = np.full((height, width), np.inf, np.float32)
+    p, _ = camera.project(vertices)
+    _rasterize(p, vertices[:, 2].copy(), triangles, texture.image, texture.uv, image, depth)
+    return Rendering(image, depth)
+
+
+def depth_buffer(vertices: Array, triangles: NDArray[np.intp], camera: Camera, width: int, height: int) -> Image:
+    """Depth (H, W) of the mesh alone, infinity where there is none."""
+    blank = Texture(np.zeros((1, 1, 1), np.float32), np.zeros((len(vertices), 2)))
+    return render(vertices, triangles, blank, camera, width, height).depth
+
+
+def vertex_normals(vertices: Array, triangles: NDArray[np.intp]) -> Array:
+    """Unit normals (V, 3), the mean of the adjacent surfaces weighted by area; zero for unused vertices."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    face = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normals, triangles[:, k], face)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
+
+
+@numba.njit(cache=True, fastmath={"contract", "reassoc", "arcp"})  # type: ignore[untyped-decorator]
+def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, image: Any, depth: Any) -> None:
+    height, width, channels = image.shape
+    th, tw = texture.shape[0], texture.shape[1]
+    for k in range(triangles.shape[0]):
+        a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
+        if not (z[a] > 0 and z[b] > 0 and z[c] > 0):
+            continue
+        ax, ay, bx, by, cx, cy = p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1]
+        # v points down, so a surface that faces the camera has a negative signed area.
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if area >= -1e-12:
+            continue
+        x0, x1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), width - 1)
+        y0, y1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), height - 1)
+        inverse, iza, izb, izc = 1.0 / area, 1.0 / z[a], 1.0 / z[b], 1.0 / z[c]
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                wa = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
+                wb = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
+                wc = 1.0 - wa - wb
+                if wa < 0 or wb < 0 or wc < 0:
+                    continue
+                wa, wb, wc = wa * iza, wb * izb, wc * izc
+                d = 1.0 / (wa + wb + wc)
+                if d >= depth[y, x]:
+                    continue
+                depth[y, x] = d
+                tx = (wa * uv[a, 0] + wb * uv[b, 0] + wc * uv[c, 0]) * d
+                ty = (wa * uv[a, 1] + wb * uv[b, 1] + wc * uv[c, 1]) * d
+                tx, ty = min(max(tx, 0.0), tw - 1.0), min(max(ty, 0.0), th - 1.0)
+                ix, iy = min(int(tx), max(tw - 2, 0)), min(int(ty), max(th - 2, 0))
+                jx, jy = min(ix + 1, tw - 1), min(iy + 1, th - 1)
+                fx, fy = tx - ix, ty - iy
+                for ch in range(channels):
+                    top = texture[iy, ix, ch] * (1 - fx) + texture[iy, jx, ch] * fx
+                    bottom = texture[jy, ix, ch] * (1 - fx) + texture[jy, jx, ch] * fx
+                    image[y, x, ch] = top * (1 - fy) + bottom * fy

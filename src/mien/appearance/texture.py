@@ -1,0 +1,35 @@
+"""The texture of the first frame: the image, warped onto the mesh by its projection (section 2 of the paper)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from mien.appearance.rendering import Texture
+from mien.geometry.camera import Camera
+from mien.initialization.fit import FirstFrame
+from mien.video import Frame
+
+
+def texture_from_frame(
+    frame: Frame,
+    fit: FirstFrame,
+    camera: Camera,
+    *,
+    color: bool = False,
+    pixels_per_unit: float | None = None,
+) -> Texture:
+    """Texture of the fitted face, grey (one channel) unless colour is asked for.
+
+    pixels_per_unit: the resolution at which it will be drawn; a frame of more than twice that is shrunk first,
+    so that drawing it does not alias.
+    """
+    uv, _ = camera.project(fit.vertices() @ fit.R.T + fit.t)
+    pixels = frame.pixels if color else frame.gray
+    if pixels_per_unit is not None:
+        factor = int(camera.focal_px / fit.t[2] / pixels_per_unit)
+        if factor >= 2:
+            size = (pixels.shape[1] // factor, pixels.shape[0] // factor)
+            pixels = cv2.resize(pixels[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)
+            uv = (uv + 0.5) / factor - 0.5
+    return Texture(np.atleast_3d(pixels).astype(np.float32), uv)

@@ -1,0 +1,79 @@
+"""The synthetic database: the textured model seen from a grid of directions (section 3.1 of the paper)."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.appearance.crop import Crop, Float32
+from mien.appearance.rendering import Texture, render
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array, exp
+
+
+def view_rotations(limit_deg: float = 30.0, step_deg: float = 10.0) -> list[Array]:
+    """Rotations (3, 3) head -> camera: tilt, pan and roll from -limit to +limit; 7^3 = 343 for 30 by 10."""
+    count = round(limit_deg / step_deg)
+    angles = np.radians(step_deg) * np.arange(-count, count + 1)
+    return [rotation(tilt, pan, roll) for tilt, pan, roll in product(angles, angles, angles)]
+
+
+def rotation(tilt: float, pan: float, roll: float) -> Array:
+    """Head turned by tilt and pan (radians) and then rolled in the image: (3, 3) head -> camera."""
+    turned = exp(np.array([tilt, 0, 0])) @ exp(np.array([0, pan, 0]))
+    return np.asarray(exp(np.array([0, 0, roll])) @ turned @ FACING)
+
+
+CENTRE = np.array([0.0, -0.1, 0.0])
+"""The point in head axes that a crop is centred on, in the middle of the landmarks."""
+
+
+def crop_of_face(
+    R: Array, t: Array, camera: Camera, pixels_per_unit: float, size: int, *, upright: bool = True
+) -> Crop:
+    """Crop in which a CANDIDE unit at the distance of the face measures `pixels_per_unit`.
+
+    Unless `upright`, the crop turns with the head, so that roll no longer changes what is in it.
+    """
+    centre, _ = camera.project(R @ CENTRE + t)
+    angle = 0.0 if upright else roll_of(R)
+    return Crop((float(centre[0]), float(centre[1])), pixels_per_unit * float(t[2]) / camera.focal_px, angle, size)
+
+
+def roll_of(R: Array) -> float:
+    """Roll in radians of `R = rotation(tilt, pan, roll)`, the turn in the image plane. (3, 3) -> radians."""
+    M = R @ FACING
+    return float(np.arctan2(M[1, 0], M[0, 0]))
+
+
+def tilt_pan_of(R: Array) -> tuple[float, float]:
+    """Tilt and pan in radians of `R = rotation(tilt, pan, roll)`. (3, 3) head -> camera."""
+    M = exp(np.array([0, 0, -roll_of(R)])) @ R @ FACING
+    return float(np.arctan2(M[2, 1], M[1, 1])), float(np.arctan2(M[0, 2], M[0, 0]))
+
+
+def crop_camera(camera: Camera, crop: Crop) -> Camera:
+    """The camera that sees an upright crop."""
+    principal = crop.to_crop(np.array([camera.cx, camera.cy]))
+    return Camera(camera.focal_px * crop.scale, float(principal[0]), float(principal[1]))
+
+
+def render_view(
+    vertices: Array,
+    triangles: NDArray[np.intp],
+    texture: Texture,
+    R: Array,
+    t: Array,
+    camera: Camera,
+    pixels_per_unit: float,
+    size: int,
+    background: float,
+) -> tuple[Float32, Array]:
+    """Grey crop (size, size) of the model (V, 3 in head axes) at a pose, and its vertices in it (V, 2)."""
+    crop = crop_of_face(R, t, camera, pixels_per_unit, size)
+    view = crop_camera(camera, crop)
+    posed = vertices @ R.T + t
+    image = render(posed, triangles, texture, view, size, size, background).image[:, :, 0]
+    return image, view.project(posed)[0]

@@ -1,0 +1,116 @@
+"""Faces of a frame found by MediaPipe, when the extra `auto` is installed.
+
+The network is asked several times, on slightly turned and scaled copies of the frame, and its answers are
+averaged: everything that follows rests on this one frame.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+from mien.errors import MienError
+from mien.geometry.rotation import Array
+from mien.initialization.landmarks import Landmarks
+from mien.video import Frame
+
+NO_DETECTOR = (
+    "no landmarks were given and no face detector is installed: install it with "
+    "pip install 'mien[auto]' (Python 3.10 to 3.12), or annotate the first frame and pass --landmarks FILE"
+)
+_COPIES = ((0.0, 1.0), (-8.0, 0.95), (8.0, 0.95), (-4.0, 1.1), (4.0, 1.1), (0.0, 0.85))
+"""Turn in degrees and scale of each copy of the frame."""
+_MAXIMUM_FACES = 8
+
+
+def detect(frame: Frame) -> list[Landmarks]:
+    """The faces of a frame, largest first, scheme `mediapipe478`, with depths.
+
+    Raises MienError where MediaPipe is not installed.
+    """
+    with _face_mesh(_MAXIMUM_FACES) as mesh:
+        faces = [f for f in _faces(mesh, frame.pixels)]
+    faces.sort(key=lambda f: -float(np.ptp(f[:, :2], axis=0).prod()))
+    return [
+        Landmarks(f[:, :2], "mediapipe478", f[:, 2], frame.index, frame.time, "detected face")
+        for f in (_average(frame, f) for f in faces)
+    ]
+
+
+def _average(frame: Frame, face: Array) -> Array:
+    """Mean of one face's points (478, 3) over turned and scaled copies of the image around it."""
+    centre = 0.5 * (face[:, :2].min(axis=0) + face[:, :2].max(axis=0))
+    side = 2.2 * float(np.ptp(face[:, :2], axis=0).max())
+    size = int(np.clip(side, 256, 640))
+    answers = []
+    with _face_mesh(1) as mesh:
+        for turn_deg, scale in _COPIES:
+            A = _crop_matrix(centre, turn_deg, scale * size / side, size)
+            crop = cv2.warpAffine(frame.pixels, A, (size, size), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+            found = _faces(mesh, crop)
+            if found:
+                answers.append(_uncrop(found[0], A))
+    # A copy in which another face or nothing was found is outvoted.
+    near = [a for a in answers if np.abs(a[:, :2] - face[:, :2]).mean() < 0.1 * side]
+    return np.mean(near, axis=0) if near else face
+
+
+def _crop_matrix(centre: Array, turn_deg: float, scale: float, size: int) -> Array:
+    A = cv2.getRotationMatrix2D((float(centre[0]), float(centre[1])), turn_deg, scale)
+    A[:, 2] += 0.5 * (size - 1) - centre
+    return np.asarray(A, dtype=float)
+
+
+def _uncrop(points: Array, A: Array) -> Array:
+    inverse = cv2.invertAffineTransform(A)
+    scale = float(np.sqrt(abs(np.linalg.det(A[:, :2]))))
+    return np.column_stack([points[:, :2] @ inverse[:, :2].T + inverse[:, 2], points[:, 2] / scale])
+
+
+def _faces(mesh: Any, pixels: Any) -> list[Array]:
+    """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
+    height, width = pixels.shape[:2]
+    answer = mesh.process(np.ascontiguousarray(pixels)).multi_face_landmarks or []
+    # Normalised coordinates span the image from edge to edge, pixel centres lie half a pixel inside.
+    return [np.array([[p.x * width - 0.5, p.y * height - 0.5, p.z * width] for p in f.landmark]) for f in answer]
+
+
+@contextlib.contextmanager
+def _face_mesh(faces: int) -> Iterator[Any]:
+    with _silenced():
+        try:
+            from mediapipe.python.solutions.face_mesh import FaceMesh
+        except ImportError as e:
+            raise MienError(NO_DETECTOR) from e
+        mesh = FaceMesh(
+            static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
+        )
+        try:
+            yield mesh
+        finally:
+            mesh.close()
+
+
+@contextlib.contextmanager
+def _silenced() -> Iterator[None]:
+    """MediaPipe logs to the process's standard error from C++; keep that off the user's screen."""
+    saved = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(null)
+
+
+def at_frame(landmarks: Landmarks, frame: Frame) -> Landmarks:
+    """The same points, said to belong to this frame."""
+    return replace(landmarks, frame_index=frame.index, time=frame.time)

@@ -1,0 +1,148 @@
+"""The first frame: pose, shape and animation from landmarks, section 3.1 of the paper.
+
+POSIT gives the pose of the mean face; then pose, shape and animation are fitted together, as the
+maximum of a posterior with Gaussian landmarks, robust to outliers, and the shape's own prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from mien.candide.model import Candide, mm_per_unit
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array, exp, hat, left_jacobian
+from mien.initialization.landmarks import Landmarks
+from mien.initialization.posit import posit
+from mien.initialization.shape_prior import ShapePrior, default_prior
+
+LANDMARK_SD = 0.012
+"""Standard deviation of a landmark's image position, as a length on the face in CANDIDE units."""
+DEPTH_SD = 0.03
+"""The same for a landmark's relative depth, where the source estimates one."""
+ANIMATION_SD = 0.2
+"""Prior standard deviation of the animation units on the first frame, which is mostly neutral."""
+
+
+@dataclass(frozen=True)
+class FirstFrame:
+    """Model and state of the first frame.
+
+    R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
+    coefficients: (M,) of the shape prior, and their posterior covariance (M, M) with pose and animation
+    marginalised; residual_px: root mean square distance of the landmarks from the fitted vertices.
+    """
+
+    R: Array
+    t: Array
+    animation: Array
+    shape: Array
+    coefficients: Array
+    coefficient_covariance: Array
+    residual_px: float
+    mm_per_unit: float
+    model: Candide
+    prior: ShapePrior
+
+    @property
+    def sigma(self) -> Array:
+        """Shape parameters of Eq. (1)."""
+        return self.prior.sigma(self.coefficients)
+
+    def vertices(self, animation: Array | None = None) -> Array:
+        """(V, 3) vertices in head axes, with the first frame's animation unless another is given."""
+        a = self.animation if animation is None else animation
+        return np.asarray(self.shape + np.tensordot(a, self.model.animation_units, axes=1))
+
+
+def fit_first_frame(landmarks: Landmarks, camera: Camera) -> FirstFrame:
+    """Fit CANDIDE, with the six units that are tracked, to the landmarks of the first frame."""
+    model, prior = Candide.default().with_units(), default_prior()
+    vertices, points, depths = landmarks.correspondences()
+    R, t = posit(model.mean[vertices], points, camera)
+    problem = _Problem(camera, prior, model.animation_units, vertices, points, depths, R, float(t[2]))
+    x0 = np.zeros(problem.size)
+    x0[3:6] = t
+    x = least_squares(problem.residuals, x0, problem.jacobian, loss="soft_l1", method="trf", x_scale=1.0).x
+    R_fit = exp(x[:3]) @ R
+    shape = prior.vertices(x[problem.shape_slice])
+    distance = np.linalg.norm(problem.image(x)[0] - points, axis=1)
+    J = problem.jacobian(x)
+    covariance = np.linalg.inv(J.T @ J)[problem.shape_slice, problem.shape_slice]
+    return FirstFrame(
+        R=R_fit,
+        t=x[3:6],
+        animation=x[problem.animation_slice],
+        shape=shape,
+        coefficients=x[problem.shape_slice],
+        coefficient_covariance=covariance,
+        residual_px=float(np.sqrt(np.mean(distance**2))),
+        mm_per_unit=mm_per_unit(shape),
+        model=model,
+        prior=prior,
+    )
+
+
+class _Problem:
+    """Residuals, in standard deviations, of x = [rotation (3), translation (3), animation, shape, depth offset]."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        prior: ShapePrior,
+        animation_units: Array,
+        vertices: Array,
+        points: Array,
+        depths: Array | None,
+        R: Array,
+        distance: float,
+    ) -> None:
+        self.camera, self.points, self.depths, self.R = camera, points, depths, R
+        self.mean = prior.mean[vertices]
+        self.fields = np.concatenate([animation_units[:, vertices], prior.basis[:, vertices]])
+        self.prior_sd = np.concatenate([np.full(len(animation_units), ANIMATION_SD), np.ones(len(prior.basis))])
+        a, m = len(animation_units), len(prior.basis)
+        self.animation_slice, self.shape_slice = slice(6, 6 + a), slice(6 + a, 6 + a + m)
+        self.pixels_per_unit = camera.focal_px / distance
+        self.size = 6 + a + m + (0 if depths is None else 1)
+
+    def camera_points(self, x: Array) -> tuple[Array, Array]:
+        """Points (n, 3) in camera axes and the same without translation."""
+        X = self.mean + np.tensordot(x[6 : 6 + len(self.fields)], self.fields, axes=1)
+        rotated = X @ (exp(x[:3]) @ self.R).T
+        return rotated + x[3:6], rotated
+
+    def image(self, x: Array) -> tuple[Array, Array]:
+        return self.camera.project(self.camera_points(x)[0])
+
+    def residuals(self, x: Array) -> Array:
+        X, _ = self.camera_points(x)
+        p, _ = self.camera.project(X)
+        r = [((p - self.points) / (LANDMARK_SD * self.pixels_per_unit)).ravel()]
+        if self.depths is not None:
+            r.append((X[:, 2] - x[-1] - self.depths / self.pixels_per_unit) / DEPTH_SD)
+        r.append(x[6 : 6 + len(self.fields)] / self.prior_sd)
+        return np.concatenate(r)
+
+    def jacobian(self, x: Array) -> Array:
+        X, rotated = self.camera_points(x)
+        R = exp(x[:3]) @ self.R
+        n = len(X)
+        J_point = np.zeros((n, 3, self.size))  # camera point by x
+        J_left = left_jacobian(x[:3])
+        for k in range(n):
+            J_point[k, :, :3] = -hat(rotated[k]) @ J_left
+        J_point[:, :, 3:6] = np.eye(3)
+        J_point[:, :, 6 : 6 + len(self.fields)] = np.einsum("ij,mnj->nim", R, self.fields)
+        J_pixel = np.einsum("nij,njk->nik", self.camera.J_pixel_point(X), J_point)
+        rows = [J_pixel.reshape(2 * n, -1) / (LANDMARK_SD * self.pixels_per_unit)]
+        if self.depths is not None:
+            J_depth = J_point[:, 2].copy()
+            J_depth[:, -1] = -1.0
+            rows.append(J_depth / DEPTH_SD)
+        J_prior = np.zeros((len(self.fields), self.size))
+        J_prior[:, 6 : 6 + len(self.fields)] = np.diag(1 / self.prior_sd)
+        rows.append(J_prior)
+        return np.concatenate(rows)

@@ -1,0 +1,80 @@
+"""What is known of a face's shape before it is seen: a Gaussian over the neutral vertices.
+
+The shape units S of CANDIDE span what its author thought of; real faces also differ between its units.
+The prior adds smooth displacement fields, mostly symmetric, so that a fit can follow landmarks exactly and
+what is not seen (depth, in a frontal view) stays uncertain instead of wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from mien.candide.model import Candide
+from mien.geometry.rotation import Array
+
+UNIT_SD = 0.06
+"""Standard deviation, in CANDIDE units, of the largest displacement of each shape unit."""
+FIELD_SD = 0.025
+FIELD_LENGTH = 0.18
+ASYMMETRY = 0.3
+"""Ratio of the standard deviations of antisymmetric and symmetric displacement fields."""
+
+
+@dataclass(frozen=True)
+class ShapePrior:
+    """Vertices = mean + sum_k c_k basis_k with c ~ N(0, I).
+
+    mean: (V, 3); basis: (M, V, 3); the first K of the M fields are the shape units scaled by unit_sd (K,).
+    """
+
+    mean: Array
+    basis: Array
+    unit_sd: Array
+
+    def vertices(self, c: Array) -> Array:
+        """Neutral face (V, 3) of coefficients (M,)."""
+        return np.asarray(self.mean + np.tensordot(c, self.basis, axes=1))
+
+    def sigma(self, c: Array) -> Array:
+        """Shape parameters sigma (K,) of Eq. (1) in units of CANDIDE."""
+        return np.asarray(c[: len(self.unit_sd)] * self.unit_sd)
+
+
+@cache
+def default_prior() -> ShapePrior:
+    """The prior over the model of the package."""
+    return shape_prior(Candide.default())
+
+
+def shape_prior(model: Candide) -> ShapePrior:
+    """Prior of a model: its shape units and smooth fields between them."""
+    largest = np.linalg.norm(model.shape_units, axis=2).max(axis=1)
+    unit_sd = UNIT_SD / np.maximum(largest, 1e-9)
+    units = model.shape_units * unit_sd[:, None, None]
+    return ShapePrior(model.mean, np.concatenate([units, _smooth_fields(model.mean)]), unit_sd)
+
+
+def _smooth_fields(vertices: Array) -> Array:
+    """Displacement fields (M, V, 3) whose squares add up to a Gaussian process over the vertices."""
+    fields = []
+    for axis in range(3):
+        for parity in (1.0, -1.0):
+            # A field is symmetric when x mirrors with the side and y, z do not.
+            sign = parity * (-1.0 if axis == 0 else 1.0)
+            K = 0.5 * (_kernel(vertices, vertices) + sign * _kernel(vertices, vertices * [-1, 1, 1]))
+            sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)
+            values, vectors = np.linalg.eigh(K)
+            kept = values > 0.02
+            modes = vectors[:, kept] * (sd * np.sqrt(values[kept]))
+            block = np.zeros((modes.shape[1], len(vertices), 3))
+            block[:, :, axis] = modes.T
+            fields.append(block)
+    return np.concatenate(fields)
+
+
+def _kernel(a: Array, b: Array) -> Array:
+    squared = ((a[:, None] - b[None]) ** 2).sum(axis=2)
+    return np.asarray(np.exp(-0.5 * squared / FIELD_LENGTH**2))

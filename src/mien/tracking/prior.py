@@ -1,0 +1,26 @@
+"""The evolution model: `p(b_t | b_{t-1}) = N(b_t; b_{t-1}, Psi)`, Psi diagonal, Eq. (4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mien.geometry.rotation import Array
+
+
+@dataclass(frozen=True)
+class GaussianPrior:
+    """Mean (d,) and standard deviations (d,), the square roots of the diagonal of Psi."""
+
+    mean: Array
+    sd: Array
+
+    def energy(self, b: Array) -> float:
+        """Second term of Eq. (9): `|b - mean|^2` in the metric of Psi^-1."""
+        return float((((b - self.mean) / self.sd) ** 2).sum())
+
+
+def state_sd(rotation_deg: float, translation: float, depth: float, animation: float) -> Array:
+    """Standard deviations (12,) of the entries of b, Eq. (2): degrees and CANDIDE units a frame."""
+    return np.array([np.radians(rotation_deg)] * 3 + [translation, translation, depth] + [animation] * 6)

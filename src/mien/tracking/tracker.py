@@ -1,0 +1,135 @@
+"""The tracker of the paper, section 3, as printed: the preset `paper`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mien.appearance.crop import Crop, Float32, blurred
+from mien.appearance.descriptors import describe, describe_with_opencv, orientation_maps
+from mien.appearance.gaussian import Gaussians
+from mien.appearance.texture import texture_from_frame
+from mien.appearance.views import crop_of_face, render_view, view_rotations
+from mien.config import DescriptorSettings, PaperSettings
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame, fit_first_frame
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.tracking.likelihood import AppearanceLikelihood, LandmarkModel
+from mien.tracking.optimizers import Simplex
+from mien.tracking.posterior import Posterior
+from mien.tracking.prior import GaussianPrior, state_sd
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
+from mien.video import Frame
+
+VERTICES = list(LANDMARK_VERTICES.values())
+CROP_SIZE_UNITS = 2.4
+"""Side of the crop in CANDIDE units: the landmarks, their patches, and room for them to move."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Descriptors of one frame at crop points (n, 2) -> (n, 128)."""
+
+    gray: Float32
+    maps: Float32 | None
+    cell: int
+
+    @classmethod
+    def of(cls, gray: Float32, settings: DescriptorSettings) -> Reader:
+        maps = orientation_maps(gray, settings.cell) if settings.kernel == "mien" else None
+        return cls(gray, maps, settings.cell)
+
+    def __call__(self, points: Array) -> Float32:
+        if self.maps is None:
+            return describe_with_opencv(self.gray, points, self.cell)
+        return describe(self.maps, points, self.cell)
+
+
+class PaperTracker:
+    """Bayesian tracker with adaptive Gaussians of SIFT descriptors (Tran et al., section 3)."""
+
+    def __init__(self, settings: PaperSettings | None = None) -> None:
+        self.settings = settings or PaperSettings()
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """Section 3.1: fit the first frame, render the views, learn a Gaussian per landmark."""
+        s = self.settings
+        landmarks.check(frame.width, frame.height)
+        self.camera = camera
+        self.fit = fit_first_frame(landmarks, camera)
+        self.landmarks = LandmarkModel(self.fit.shape[VERTICES], self.fit.model.animation_units[:, VERTICES])
+        self.scale_distance = float(self.fit.t[2])
+        samples = learn_views(frame, self.fit, camera, s)
+        self.gaussians = Gaussians.learn(samples, s.eigenvalue_floor)
+        self.prior_sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
+        self.simplex = Simplex(s.simplex_spread * self.prior_sd, s.simplex_evaluations, np.random.default_rng(s.seed))
+        self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
+        likelihood = self._likelihood(frame)
+        self.observed = likelihood.observe(self.b)
+        return self._estimate(frame, Status.INITIALIZED, likelihood)
+
+    def track(self, frame: Frame) -> Estimate:
+        """Section 3.2: update the Gaussians with the last observation, then minimise Eq. (9)."""
+        s = self.settings
+        self.gaussians = self.gaussians.update(self.observed, s.forgetting, s.innovation == "mean")
+        likelihood = self._likelihood(frame)
+        posterior = Posterior(likelihood, GaussianPrior(self.b, self.prior_sd))
+        self.b = self.simplex.minimize(posterior, self.b).b
+        if not self._in_view(frame):
+            # Nothing of the face is left in the image: go back to where it can be seen again.
+            self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
+            return Estimate.lost(frame, "the face left the image", self.fit.mm_per_unit)
+        self.observed = likelihood.observe(self.b)
+        return self._estimate(frame, Status.TRACKED, likelihood)
+
+    def mesh(self, estimate: Estimate) -> Array | None:
+        """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
+        if estimate.rotation is None or estimate.translation is None:
+            return None
+        return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+
+    def _likelihood(self, frame: Frame) -> AppearanceLikelihood:
+        R, t, _ = unpack(self.b)
+        d = self.settings.descriptor
+        centre = crop_of_face(R, t, self.camera, d.pixels_per_unit, 1).centre
+        # The patches keep the size in pixels of the first frame: the paper adapts neither scale nor orientation.
+        scale = d.pixels_per_unit * self.scale_distance / self.camera.focal_px
+        crop = Crop(centre, scale, 0.0, crop_size(d))
+        reader = Reader.of(crop.sample(frame.pixels, d.blur), d)
+        return AppearanceLikelihood(self.landmarks, self.camera, crop, reader, self.gaussians)
+
+    def _in_view(self, frame: Frame) -> bool:
+        X = self.landmarks.in_camera(self.b)
+        p, valid = self.camera.project(X)
+        inside = (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1)
+        return bool((inside & valid).mean() > 0.25)
+
+    def _estimate(self, frame: Frame, status: Status, likelihood: AppearanceLikelihood) -> Estimate:
+        R, t, animation = unpack(self.b)
+        X = self.landmarks.in_camera(self.b)
+        image, _ = self.camera.project(X)
+        distance = np.sqrt(likelihood.gaussians.squared_distance(likelihood.observe(self.b)))
+        tracked = TrackedLandmarks(LANDMARK_NAMES, image, X, None, distance)
+        return Estimate(
+            frame.index, frame.time, status, R, t, animation, None, tracked, 1.0, self.fit.mm_per_unit
+        )  # fmt: skip
+
+
+def crop_size(settings: DescriptorSettings) -> int:
+    """Side of the crop in pixels."""
+    return round(CROP_SIZE_UNITS * settings.pixels_per_unit)
+
+
+def learn_views(frame: Frame, fit: FirstFrame, camera: Camera, settings: PaperSettings) -> Float32:
+    """Descriptors (views, n, 128) of the landmarks in every rendered view of the first frame's face."""
+    d = settings.descriptor
+    texture = texture_from_frame(frame, fit, camera, pixels_per_unit=d.pixels_per_unit)
+    background = float(frame.gray.mean())
+    vertices, triangles, size = fit.vertices(), fit.model.triangles, crop_size(d)
+    samples = []
+    for R in view_rotations(settings.view_limit_deg, settings.view_step_deg):
+        image, p = render_view(vertices, triangles, texture, R, fit.t, camera, d.pixels_per_unit, size, background)
+        samples.append(Reader.of(blurred(image, d.blur), d)(p[VERTICES]))
+    return np.stack(samples)
