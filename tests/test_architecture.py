@@ -45,9 +45,7 @@ def _imported_layers(module: Path) -> Iterator[str]:
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{module.name} imports relatively; imports here are absolute"
-            assert node.module != "mien", (
-                f"{module.name} imports from `mien`; name the module that defines it"
-            )
+            assert node.module != "mien", f"{module.name} imports from `mien`; name the module that defines it"
             names = [str(node.module)]
         else:
             continue

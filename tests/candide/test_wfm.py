@@ -98,9 +98,7 @@ def test_a_model_by_hand(tmp_path: Path) -> None:
         ("0 0 2\n", "", 31, "the end of the file"),
     ],
 )
-def test_bad_files_are_named_with_their_line(
-    tmp_path: Path, old: str, new: str, line: int, said: str
-) -> None:
+def test_bad_files_are_named_with_their_line(tmp_path: Path, old: str, new: str, line: int, said: str) -> None:
     file = tmp_path / "bad.wfm"
     assert TRIANGLE.count(old) == 1
     file.write_text(TRIANGLE.replace(old, new))
@@ -116,5 +114,5 @@ def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
     (tmp_path / "binary.wfm").write_bytes(bytes(range(128, 256)))
     with pytest.raises(MienError, match="line 1: expected the number of vertices"):
         read_wfm(tmp_path / "binary.wfm")
-    with pytest.raises(MienError, match="choose another folder"):
+    with pytest.raises(MienError, match="choose another place"):
         write_wfm(tmp_path / "no" / "folder.wfm", Wfm.neutral(Candide.default()))

@@ -28,9 +28,7 @@ def test_points_behind_the_camera_are_not_valid_and_nan() -> None:
 @given(cameras(), head_translations())
 def test_jacobian_against_differences(camera: Camera, X: Array) -> None:
     step = 1e-5
-    columns = [
-        (camera.project(X + step * e)[0] - camera.project(X - step * e)[0]) / (2 * step) for e in np.eye(3)
-    ]
+    columns = [(camera.project(X + step * e)[0] - camera.project(X - step * e)[0]) / (2 * step) for e in np.eye(3)]
     np.testing.assert_allclose(camera.J_pixel_point(X), np.stack(columns, axis=-1), atol=1e-5)
 
 

@@ -65,9 +65,7 @@ def test_near_half_a_turn(gap: float) -> None:
 
 
 def test_quarter_turns_by_hand() -> None:
-    np.testing.assert_allclose(
-        exp(np.array([0, 0, np.pi / 2])), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15
-    )
+    np.testing.assert_allclose(exp(np.array([0, 0, np.pi / 2])), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
     np.testing.assert_allclose(exp(np.array([np.pi, 0, 0])), FACING, atol=1e-15)
 
 

@@ -66,10 +66,7 @@ def read_wfm(path: str | Path) -> Wfm:
     animation = _read_parameters(lines, "animation", len(animation_names))
     shape = _read_parameters(lines, "shape", len(shape_names))
     texture, texture_file = _read_texture(lines, corner)
-    motion = [
-        lines.row(f"the global {kind}", float, float, float)[0]
-        for kind in ("rotation", "scale", "translation")
-    ]
+    motion = [lines.row(f"the global {kind}", float, float, float)[0] for kind in ("rotation", "scale", "translation")]
     return Wfm(model, animation, shape, texture, texture_file, *motion)  # type: ignore[arg-type]
 
 
@@ -89,11 +86,8 @@ def write_wfm(path: str | Path, wfm: Wfm) -> None:
         ["# GLOBAL MOTION:", *map(_numbers, (wfm.rotation, wfm.scale, wfm.translation)), "", "# END OF FILE"],
     ]
     text = "\n\n".join("\n".join(lines) for lines in lists) + "\n"
-    try:
-        with whole_file(Path(path)) as file:
-            file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise MienError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error
+    with whole_file(Path(path)) as file:
+        file.write_text(text, encoding="utf-8")
 
 
 class _Lines:
@@ -108,9 +102,7 @@ class _Lines:
 
     def fail(self, expected: str, found: str) -> NoReturn:
         """Raise the one error of this reader."""
-        raise MienError(
-            f"{self.path}, line {self.number}: expected {expected} and found {found}; correct the file"
-        )
+        raise MienError(f"{self.path}, line {self.number}: expected {expected} and found {found}; correct the file")
 
     def next(self, expected: str) -> tuple[str, str]:
         """The next line, as text and comment. `heading` becomes the last comment that stood on its own."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -14,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.errors import MienError, require
-from mien.files import temporary_beside, whole_file
+from mien.errors import require
+from mien.files import named_errors, temporary_beside, whole_file
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_VERTICES
@@ -91,7 +90,7 @@ class OverlayWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._last_pts, self._start = -1, 0.0
-        with self._named_errors():
+        with named_errors(self.path):
             self._beside = temporary_beside(path)
             self._container = av.open(str(self._beside), "w", format="mp4")
         self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
@@ -116,13 +115,13 @@ class OverlayWriter:
         # The format wants times that grow: a frame that repeats its predecessor's time gets the next tick.
         self._last_pts = max(round((time - self._start) / TIME_BASE), self._last_pts + 1)
         picture.pts, picture.time_base = self._last_pts, TIME_BASE
-        with self._named_errors():
+        with named_errors(self.path):
             self._container.mux(self._stream.encode(picture))
 
     def close(self) -> None:
         """Finish the file and give it its name. A video without a picture leaves no file."""
         try:
-            with self._named_errors():
+            with named_errors(self.path):
                 if self._last_pts >= 0:
                     self._container.mux(self._stream.encode())
                 self._container.close()
@@ -131,14 +130,6 @@ class OverlayWriter:
                     self._beside.replace(self.path)
         finally:
             self._beside.unlink(missing_ok=True)
-
-    @contextmanager
-    def _named_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise MienError(f"{self.path} cannot be written ({reason}); choose another place") from error
 
 
 def _enlarge(frame: Frame) -> tuple[Pixels, int]:
