@@ -1,0 +1,128 @@
+"""`mien demo`: a face in known motion is made, tracked, drawn, plotted, and compared with the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from mien.candide.model import TRACKED_UNITS
+from mien.files import require_writable, whole_file
+from mien.geometry.rotation import FACING, Array, euler_from_matrix
+from mien.initialization.landmark_files import write_landmarks
+from mien.output.overlay import OverlayWriter
+from mien.output.track import Track
+from mien.pipeline import DEFAULT_PRESET, Progress, track
+from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, moved, portrait
+
+SECONDS = 4.0
+NOISE_SD = 2.0
+"""Noise of the demo's camera, in grey values."""
+
+VIDEO, TRUTH, LANDMARKS = "video.mp4", "truth.npz", "landmarks.json"
+TABLE, OVERLAY, PLOT = "track.csv", "overlay.mp4", "plot.png"
+
+
+@dataclass(frozen=True)
+class DemoErrors:
+    """Errors over the frames that were tracked: mean absolute (3,) degrees of pitch, yaw and roll, root mean
+    square of the landmarks in pixels, mean absolute (6,) of the animation units; and how many frames were lost."""
+
+    euler_deg: Array
+    landmarks_px: float
+    animation: Array
+    lost: int
+
+
+def run_demo(
+    out: Path,
+    *,
+    seconds: float = SECONDS,
+    preset: str = DEFAULT_PRESET,
+    console: Console | None = None,
+    progress: Progress | None = None,
+) -> DemoErrors:
+    """Write video, truth, track, overlay and plot to the folder `out`; print and return the errors."""
+    console = console or Console()
+    require_writable(out / VIDEO)
+    face = portrait()
+    sequence = make_sequence(face, demo_states(face, round(seconds * FPS)), noise_sd=NOISE_SD)
+    write_sequence(out, face, sequence)
+    result = track(
+        out / VIDEO,
+        preset=preset,
+        landmarks=out / LANDMARKS,
+        camera=face.camera,
+        progress=progress,
+        save=out / TABLE,
+        overlay=out / OVERLAY,
+        plot=out / PLOT,
+    )
+    errors = compare(result, sequence)
+    console.print(_table(errors, len(result)))
+    console.print(f"[bold]{out}[/bold]: {VIDEO}, {TRUTH}, {TABLE} (.json, .parquet), {OVERLAY}, {PLOT}")
+    return errors
+
+
+def demo_states(face: Portrait, n: int) -> Array:
+    """States (n, 12) of the portrait: it looks about and nods, then opens the mouth and raises the brows."""
+    s = np.arange(n) / max(n - 1, 1)
+    wave = np.sin(2 * np.pi * s)
+    pitch, yaw, roll = 9 * np.sin(4 * np.pi * s), 22 * wave, 8 * np.sin(3 * np.pi * s)
+    shift = np.stack([0.12 * wave, 0.05 * np.sin(4 * np.pi * s), 0.15 * (1 - np.cos(2 * np.pi * s))], axis=1)
+    animation = np.zeros((n, len(TRACKED_UNITS)))
+    for unit, size, begin, end in (
+        ("jaw_drop", 0.45, 0.10, 0.35),
+        ("outer_brow_raiser", 0.7, 0.30, 0.55),
+        ("lip_stretcher", -0.5, 0.50, 0.75),
+        ("brow_lowerer", 0.4, 0.70, 0.95),
+    ):
+        animation[:, TRACKED_UNITS.index(unit)] = size * _bump(s, begin, end)
+    return moved(face, np.stack([pitch, yaw, roll], axis=1), shift, animation)
+
+
+def write_sequence(out: Path, face: Portrait, sequence: SyntheticSequence) -> None:
+    """Write the frames as a video, the truth beside it, and the landmarks of the first frame."""
+    with OverlayWriter(out / VIDEO) as video:
+        for frame in sequence.frames:
+            video.write(frame.pixels, frame.time)
+    write_landmarks(out / LANDMARKS, face.landmarks)
+    with whole_file(out / TRUTH) as file:
+        np.savez(file, R=sequence.R, t=sequence.t, animation=sequence.animation, landmarks=sequence.landmarks)
+
+
+def compare(result: Track, sequence: SyntheticSequence) -> DemoErrors:
+    """Errors of a track of this sequence."""
+    found = np.isfinite(result.euler_deg).all(axis=1)
+    truth_deg = np.degrees(euler_from_matrix(sequence.R @ FACING))
+    landmarks, animation = result.landmarks, result.animation
+    nothing = np.full(len(found), np.nan)
+    distance = nothing if landmarks is None else np.linalg.norm(landmarks - sequence.landmarks, axis=2)
+    difference = nothing[:, None] if animation is None else np.abs(animation - sequence.animation)
+    return DemoErrors(
+        euler_deg=np.abs(result.euler_deg - truth_deg)[found].mean(axis=0),
+        landmarks_px=float(np.sqrt(np.mean(distance[found] ** 2))),
+        animation=difference[found].mean(axis=0),
+        lost=result.lost,
+    )
+
+
+def _bump(s: Array, begin: float, end: float) -> Array:
+    """A smooth rise from 0 to 1 and back between begin and end."""
+    phase = np.clip((s - begin) / (end - begin), 0, 1)
+    return np.asarray(np.sin(np.pi * phase) ** 2)
+
+
+def _table(errors: DemoErrors, frames: int) -> Table:
+    table = Table(title=f"Error against the truth, {frames} frames, {errors.lost} lost")
+    table.add_column("quantity")
+    table.add_column("error", justify="right")
+    for name, value in zip(("pitch", "yaw", "roll"), errors.euler_deg, strict=True):
+        table.add_row(f"{name}, mean absolute", f"{value:.2f} degrees")
+    table.add_row("26 landmarks, root mean square", f"{errors.landmarks_px:.2f} pixels")
+    for name, value in zip(TRACKED_UNITS, errors.animation, strict=False):
+        table.add_row(f"{name.replace('_', ' ')}, mean absolute", f"{value:.3f}")
+    return table
