@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
+import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from mien.errors import MienError, require
 
 REMEDY = "make room or choose another place"
+_NUMBERS = re.compile(r"\[\s+([-+.\deE]+(?:,\s+[-+.\deE]+)*)\s+\]")
 
 
 @contextmanager
@@ -49,10 +53,14 @@ def require_writable(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary_beside(path).unlink()
     except OSError as error:
-        raise MienError(
-            f"{path} cannot be written ({_reason(error)}); choose another place with -o"
-        ) from error
+        raise MienError(f"{path} cannot be written ({_reason(error)}); choose another place with -o") from error
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")
+
+
+def json_text(values: Mapping[str, Any]) -> str:
+    """JSON that a person can read and correct: indented, a list of numbers on one line. NaN is refused."""
+    text = json.dumps(dict(values), indent=1, allow_nan=False)
+    return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
 
 
 def checksum(path: Path) -> str:

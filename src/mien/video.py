@@ -84,9 +84,7 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
     Frames before `start` are decoded and passed over, so that indices stay exact. Raises MienError if the
     interval is empty or holds no frame.
     """
-    require(
-        start is None or end is None or start < end, f"the start {start} s must come before the end {end} s"
-    )
+    require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
     last, found = 0.0, False
     for frame in video:
         last = frame.time
@@ -187,9 +185,7 @@ class ImageFolder:
                 continue
             yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, index / self.fps)
             count += 1
-        require(
-            count > 0, f"{self.path}: none of its {len(self.images)} images could be read; check the files"
-        )
+        require(count > 0, f"{self.path}: none of its {len(self.images)} images could be read; check the files")
 
 
 @dataclass(frozen=True)
@@ -230,9 +226,7 @@ def _open_file(path: Path) -> VideoFile:
 
 
 def _open_folder(path: Path) -> ImageFolder:
-    images = sorted(
-        p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")
-    )
+    images = sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
     require(bool(images), f"{path} holds no image; mien reads {', '.join(IMAGE_SUFFIXES)}")
     return ImageFolder(path, tuple(images))
 

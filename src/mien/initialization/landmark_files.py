@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mien.errors import MienError, require
-from mien.files import whole_file
+from mien.files import json_text, whole_file
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
 
@@ -28,8 +28,9 @@ _SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landmarks:
     """Landmarks of the frame with this index and time (seconds) from a `.json`, `.pts` or `.csv` file.
 
-    A JSON says itself which frame it belongs to; of a CSV the row that is nearest in time is taken, or by
-    number where it has no times. Raises MienError naming the file and the remedy.
+    A JSON (of mien landmarks, or NAME.json of a track) says itself which frame it belongs to; of a CSV the row
+    that is nearest in time is taken, or by number where it has no times. Raises MienError naming the file and
+    the remedy.
     """
     path = Path(path)
     readers: dict[str, Callable[[Path, int, float], Landmarks]]
@@ -55,6 +56,7 @@ def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
 def _read_json(path: Path, index: int, time: float) -> Landmarks:
     try:
         values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        values = values.get("landmarks", values)  # NAME.json of a track holds those of its first frame
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
@@ -74,7 +76,7 @@ def _read_json(path: Path, index: int, time: float) -> Landmarks:
 
 
 def _json_text(path: Path, landmarks: Landmarks) -> str:
-    return json.dumps(landmarks.to_dict(), indent=1) + "\n"
+    return json_text(landmarks.to_dict())
 
 
 def _read_pts(path: Path, index: int, time: float) -> Landmarks:

@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError, require
-from mien.files import named_errors, whole_file
+from mien.files import json_text, named_errors, whole_file
 from mien.geometry.rotation import Array
 from mien.output.columns import (
     ANIMATION_SD,
@@ -50,9 +50,7 @@ class Track:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def from_estimates(
-        cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None
-    ) -> Track:
+    def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
         """The track of these estimates."""
         with Recorder() as recorder:
             for estimate in estimates:
@@ -130,9 +128,7 @@ class Track:
         try:
             return self.table.to_pandas()
         except ImportError as error:
-            raise MienError(
-                "to_pandas needs pandas; install it with pip install pandas, or use to_arrow"
-            ) from error
+            raise MienError("to_pandas needs pandas; install it with pip install pandas, or use to_arrow") from error
 
     def save(self, path: str | Path) -> tuple[Path, Path, Path]:
         """Write NAME.csv, NAME.json and NAME.parquet, all or none; `path` is NAME or one of the three.
@@ -191,7 +187,7 @@ class Track:
             csv.write_csv(self.table, f, options)
 
     def _write_json(self, path: Path) -> None:
-        path.write_text(json.dumps(dict(self.metadata), indent=1) + "\n", encoding="utf-8")
+        path.write_text(json_text(self.metadata), encoding="utf-8")
 
     def _write_parquet(self, path: Path) -> None:
         from pyarrow import parquet
@@ -208,6 +204,7 @@ class Recorder:
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or Path(tempfile.gettempdir())
         self.count = 0
+        self.landmark_names: tuple[str, ...] = ()
         self._waiting: list[Estimate] = []
         with named_errors(self.path):
             folder = None if path is None else path.parent
@@ -222,6 +219,8 @@ class Recorder:
     def add(self, estimate: Estimate) -> None:
         """Append one row."""
         self._waiting.append(estimate)
+        if estimate.landmarks is not None:
+            self.landmark_names = estimate.landmarks.names
         self.count += 1
         if len(self._waiting) >= BATCH:
             self._flush()

@@ -1,0 +1,241 @@
+"""The command line: parse, call, print.
+
+Exit status: 0 done; 2 bad input, one sentence on stderr; 130 stopped by Ctrl-C or a signal, what was tracked is
+written. Heavy modules are imported where they are used, so that `mien --help` is quick.
+"""
+
+from __future__ import annotations
+
+import errno
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
+
+import typer
+from typer.core import TyperGroup
+
+from mien._version import __version__
+from mien.errors import MienError, MienWarning
+
+if TYPE_CHECKING:
+    from mien.tracking.state import Estimate
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+class _Group(TyperGroup):
+    """The commands, and the one place where errors become sentences and an exit status."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except MienError as error:
+            _say(f"mien: {error}")
+            raise typer.Exit(BAD_INPUT) from error
+        except OSError as error:
+            if error.errno == errno.EPIPE:
+                raise
+            _say(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
+            raise typer.Exit(BAD_INPUT) from error
+        except KeyboardInterrupt as error:
+            _say("mien: interrupted")
+            raise typer.Exit(INTERRUPTED) from error
+
+
+app = typer.Typer(
+    cls=_Group,
+    help="The 3D pose and the expression of a face in a video, with its uncertainty.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Video = Annotated[
+    str, typer.Argument(metavar="VIDEO", help="A video file, a folder of images, or the number of a camera.")
+]
+LandmarkFile = Annotated[
+    Path | None,
+    typer.Option(help="Landmarks of the first frame: .json, iBUG-68 .pts, OpenFace .csv; detected if not given."),
+]
+CameraFile = Annotated[Path | None, typer.Option(help='JSON {"focal_px": .., "cx": .., "cy": ..}.')]
+Focal = Annotated[float | None, typer.Option(help="Focal length in pixels.", metavar="PX")]
+Fov = Annotated[float | None, typer.Option(help="Horizontal field of view; 60 if not given.", metavar="DEG")]
+Start = Annotated[float | None, typer.Option(help="Begin here.", metavar="SECONDS")]
+End = Annotated[float | None, typer.Option(help="End before this.", metavar="SECONDS")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+
+
+def main() -> None:
+    """Run the command line."""
+    for name in ("SIGTERM", "SIGHUP"):  # what was tracked is written then, too
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
+    app()
+
+
+@app.callback(invoke_without_command=True)
+def _common(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    warnings.showwarning = _show_warning
+    warnings.simplefilter("always", MienWarning)
+    if version:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for what it writes.")] = Path("mien-demo"),
+) -> None:
+    """Make a short sequence with known motion, track it, and print the error against the truth."""
+    from mien.demo import run_demo
+
+    run_demo(out)
+
+
+@app.command()
+def track(
+    video: Video,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The table; if not given, VIDEO's name.csv in this folder.")
+    ] = None,
+    preset: Annotated[str, typer.Option(help="The tracker.")] = "paper",
+    landmarks: LandmarkFile = None,
+    camera: CameraFile = None,
+    focal: Focal = None,
+    fov: Fov = None,
+    overlay: Annotated[Path | None, typer.Option(help="Video with mesh, landmarks and axes: .mp4.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png.")] = None,
+    start: Start = None,
+    end: End = None,
+    quiet: Quiet = False,
+) -> None:
+    """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
+    from mien import pipeline
+    from mien.output.destination import Destination
+
+    output = output or Path(_stem(video) + ".csv")
+    with _progress_bar(quiet) as progress:
+        result = pipeline.track(
+            video,
+            preset=preset,
+            landmarks=landmarks,
+            camera=camera,
+            focal_px=focal,
+            fov_deg=fov,
+            start=start,
+            end=end,
+            progress=progress,
+            save=output,
+            overlay=overlay,
+            plot=plot,
+        )
+    if not quiet:
+        typer.echo(f"{len(result)} frames, the face lost in {result.lost}")
+        _print_written(Destination(output, overlay, plot).paths())
+
+
+@app.command()
+def landmarks(
+    video: Video,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="The landmarks; if not given, VIDEO's name.landmarks.json in this folder."),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="The picture; if not given, beside the landmarks.")] = None,
+    landmarks: LandmarkFile = None,
+    camera: CameraFile = None,
+    focal: Focal = None,
+    fov: Fov = None,
+    start: Start = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find the face in the first frame of VIDEO; write its landmarks, and a picture of the fitted mesh.
+
+    Correct the file where the picture is wrong, see it again with --landmarks, and give it to mien track.
+    """
+    from mien.pipeline import write_first_frame
+
+    output = output or Path(_stem(video) + ".landmarks.json")
+    plot = plot or output.with_suffix(".png")
+    fit = write_first_frame(
+        video, output, plot, landmarks=landmarks, camera=camera, focal_px=focal, fov_deg=fov, start=start
+    )
+    if not quiet:
+        typer.echo(f"the fitted mesh is {fit.residual_px:.2f} pixels (root mean square) from the landmarks")
+        _print_written([output, plot])
+
+
+def _stem(video: str) -> str:
+    """The name of a video's results: of the file without its ending, of the folder, or `camera-0`."""
+    path = Path(video)
+    if video.isdecimal() and not path.exists():
+        return f"camera-{video}"
+    return path.resolve().name if path.is_dir() else path.stem
+
+
+def _print_written(paths: list[Path]) -> None:
+    for path in paths:
+        typer.echo(f"wrote {path}")
+
+
+def _say(sentence: str) -> None:
+    typer.echo(" ".join(sentence.split()), err=True)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Warnings of mien as one sentence; those of others as Python writes them."""
+    if issubclass(category, MienWarning):
+        _say(f"mien: {message}")
+    else:
+        typer.echo(warnings.formatwarning(message, category, filename, lineno), err=True, nl=False)
+
+
+@contextmanager
+def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
+    """A bar on stderr with frames per second and the state of the track."""
+    if quiet:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[speed]}"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("first frame", total=None, speed="")
+
+        first: list[float] = []  # when the first frame was done: finding and learning the face is no speed
+
+        def advance(estimate: Estimate, total: int | None) -> None:
+            if not first:
+                first.append(monotonic())
+            seconds = monotonic() - first[0]
+            speed = f"{bar.tasks[0].completed / seconds:.1f} frames/s" if seconds > 0.2 else ""
+            bar.update(task, advance=1, total=total, speed=speed, description=_state(estimate))
+
+        yield advance
+
+
+def _state(estimate: Estimate) -> str:
+    """`tracked 97%`, or `lost: why`."""
+    if estimate.status.success:
+        return f"{estimate.status.value} {100 * estimate.confidence:.0f}%"
+    return f"lost: {estimate.reason}"

@@ -1,0 +1,67 @@
+"""Where the files of a track go, checked before the work begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from mien.errors import require
+from mien.files import require_writable
+from mien.output.track import Track, track_paths
+
+PLOT_ENDINGS = (".png", ".pdf", ".svg")
+OVERLAY_ENDINGS = (".mp4",)
+
+
+@dataclass(frozen=True)
+class Destination:
+    """table: NAME.csv, beside which NAME.json and NAME.parquet go; overlay: a video; plot: a picture."""
+
+    table: Path | None = None
+    overlay: Path | None = None
+    plot: Path | None = None
+
+    @classmethod
+    def checked(
+        cls,
+        save: str | Path | None,
+        overlay: str | Path | None,
+        plot: str | Path | None,
+        inputs: Iterable[object] = (),
+    ) -> Destination:
+        """Make missing folders and see that every file can be written, has an ending that is known, and takes
+        the place of no input (the paths among `inputs`) and of no other. Raises MienError otherwise."""
+        table = None if save is None else track_paths(save)[0]
+        self = cls(table, _path(overlay, OVERLAY_ENDINGS), _path(plot, PLOT_ENDINGS))
+        taken = {Path(p).resolve() for p in inputs if isinstance(p, (str, Path))}
+        for path in self.paths():
+            require(
+                path.resolve() not in taken,
+                f"{path} would be written over an input or another output; choose another name",
+            )
+            taken.add(path.resolve())
+            require_writable(path)
+        return self
+
+    def paths(self) -> list[Path]:
+        """Every file that will be written."""
+        tables = [] if self.table is None else list(track_paths(self.table))
+        return tables + [p for p in (self.overlay, self.plot) if p is not None]
+
+    def write(self, track: Track) -> None:
+        """Write the table and the plot; the overlay is written on the way."""
+        if self.table is not None:
+            track.save(self.table)
+        if self.plot is not None:
+            track.plot(self.plot)
+
+
+def _path(path: str | Path | None, endings: tuple[str, ...]) -> Path | None:
+    if path is None:
+        return None
+    require(
+        Path(path).suffix.lower() in endings,
+        f"{path}: mien writes {' or '.join(endings)} here; choose a name with that ending",
+    )
+    return Path(path)

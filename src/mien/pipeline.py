@@ -1,0 +1,277 @@
+"""The whole of it on one page: video -> first frame -> landmarks -> tracker -> Track -> files.
+
+track = mien.track("video.mp4", save="out.csv", overlay="out.mp4")
+track.to_pandas()
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from mien._version import __version__
+from mien.config import Settings
+from mien.errors import MienError, require, warn
+from mien.files import checksum, require_writable
+from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame, fit_first_frame
+from mien.initialization.landmark_files import read_landmarks, write_landmarks
+from mien.initialization.landmarks import Landmarks
+from mien.output.destination import Destination
+from mien.output.track import Recorder, Track
+from mien.registry import create_tracker
+from mien.tracking.state import Estimate, Tracker
+from mien.video import Frame, Video, expected_count, open_video, select
+
+DEFAULT_PRESET = "paper"
+
+Progress = Callable[[Estimate, int | None], None]
+"""Called after every frame with its estimate and the number of frames to expect, None where unknown."""
+
+
+@runtime_checkable
+class FittedTracker(Protocol):
+    """A tracker that fits CANDIDE to the first frame, which its files and pictures then show."""
+
+    settings: Settings
+    fit: FirstFrame
+
+    def mesh(self, estimate: Estimate) -> Array | None: ...
+
+
+@dataclass(frozen=True)
+class Start:
+    """All that tracking begins with; `frames` begins with the first frame."""
+
+    video: Video
+    first: Frame
+    frames: Iterator[Frame]
+    landmarks: Landmarks
+    camera: Camera
+
+
+def track(
+    video: str | Path | int,
+    *,
+    preset: str = DEFAULT_PRESET,
+    landmarks: Landmarks | str | Path | None = None,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    progress: Progress | None = None,
+    save: str | Path | None = None,
+    overlay: str | Path | None = None,
+    plot: str | Path | None = None,
+) -> Track:
+    """Track the face of a video file, a folder of images or a camera (its number).
+
+    preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
+    camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
+    seconds. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`.
+
+    When it is stopped (Ctrl-C, an error), what was tracked is written to `save` and `plot` before the
+    exception goes on; `complete` in NAME.json is then false. Raises MienError for bad input.
+    """
+    tracker = create_tracker(preset)
+    files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
+    begin = prepare(video, landmarks, camera, focal_px, fov_deg, start, end)
+    total = expected_count(begin.video, start, end)
+    with Recorder(files.table) as recorder:
+        try:
+            with drawing(files.overlay, tracker, begin.camera) as draw:
+                for frame, estimate in run(tracker, begin.frames, begin.landmarks, begin.camera):
+                    recorder.add(estimate)
+                    draw(frame, estimate)
+                    if progress is not None:
+                        progress(estimate, total)
+        except BaseException as error:
+            if recorder.count and files.table is not None:
+                with suppress(MienError):  # what stopped it matters more than that its rows cannot be written
+                    stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
+                    files.write(recorder.track(metadata(begin, preset, tracker, recorder, stopped)))
+                    warn(f"stopped after {recorder.count} frames, which are in {files.table}")
+            raise
+        result = recorder.track(metadata(begin, preset, tracker, recorder))
+    files.write(result)
+    return result
+
+
+def prepare(
+    video: str | Path | int,
+    landmarks: Landmarks | str | Path | None = None,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+) -> Start:
+    """Open the video, find the face in the first frame, choose the camera. Raises MienError for bad input."""
+    source = open_video(video)
+    frames = select(source, start, end)
+    first = next(frames)
+    chosen = choose_camera(first, camera, focal_px, fov_deg)
+    if landmarks is None:
+        landmarks = find_face(first, source.name)
+    elif not isinstance(landmarks, Landmarks):
+        landmarks = read_landmarks(landmarks, first.index, first.time)
+    landmarks.check(first.width, first.height)
+    if abs(landmarks.time - first.time) > 1.5 / source.fps:
+        warn(
+            f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
+            f"--start {landmarks.time:.2f} begins where it belongs"
+        )
+    return Start(source, first, chain([first], frames), _as_written(landmarks), chosen)
+
+
+def write_first_frame(
+    video: str | Path | int,
+    output: str | Path,
+    plot: str | Path,
+    *,
+    landmarks: Landmarks | str | Path | None = None,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+    start: float | None = None,
+) -> FirstFrame:
+    """Write the landmarks of the first frame, and a picture of the mesh that is fitted to them; give the fit."""
+    from mien.output.overlay import draw_mesh, save_png
+
+    require(Path(plot).suffix.lower() == ".png", f"{plot}: the picture is a PNG; choose a name that ends in .png")
+    for path in (Path(output), Path(plot)):
+        require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
+        require_writable(path)
+    begin = prepare(video, landmarks, camera, focal_px, fov_deg, start)
+    fit = fit_first_frame(begin.landmarks, begin.camera)
+    _, points, _ = begin.landmarks.correspondences()
+    vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
+    write_landmarks(output, begin.landmarks)
+    save_png(Path(plot), draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points))
+    return fit
+
+
+def run(
+    tracker: Tracker, frames: Iterator[Frame], landmarks: Landmarks, camera: Camera
+) -> Iterator[tuple[Frame, Estimate]]:
+    """Each frame with its estimate; the landmarks belong to the first."""
+    first = next(frames)
+    yield first, tracker.initialize(first, landmarks, camera)
+    for frame in frames:
+        yield frame, tracker.track(frame)
+
+
+def find_face(frame: Frame, name: str) -> Landmarks:
+    """The largest face of a frame. Raises MienError if there is none; warns if there are several."""
+    from mien.initialization.detector import detect
+
+    faces = detect(frame)
+    require(
+        bool(faces),
+        f"{name}: no face was found in the frame at {frame.time:.2f} s; begin where one is seen with --start, "
+        "or annotate the frame and pass --landmarks",
+    )
+    if len(faces) > 1:
+        warn(f"{name}: {len(faces)} faces in the frame at {frame.time:.2f} s; the largest is tracked")
+    return replace(faces[0], source=f"{name}, detected face")
+
+
+def choose_camera(
+    frame: Frame,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+) -> Camera:
+    """The camera that is given in one of three ways, else one with a field of view of 60 degrees."""
+    given = [v for v in (camera, focal_px, fov_deg) if v is not None]
+    require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
+    if isinstance(camera, Camera):
+        return camera
+    if camera is not None:
+        return read_camera(Path(camera))
+    if focal_px is not None:
+        return Camera.centred(focal_px, frame.width, frame.height)
+    return Camera.from_fov(frame.width, frame.height, DEFAULT_FOV_DEG if fov_deg is None else fov_deg)
+
+
+def read_camera(path: Path) -> Camera:
+    """The camera in a JSON {"focal_px": .., "cx": .., "cy": ..}, or in NAME.json of an earlier track."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        values = values.get("camera", values)
+        return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
+    except MienError as error:
+        raise MienError(f"{path}: {error}") from error
+    except OSError as error:
+        raise MienError(f"{path} cannot be read ({error.strerror}); check the name") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MienError(f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels ({error})') from error
+
+
+@contextmanager
+def drawing(path: Path | None, tracker: Tracker, camera: Camera) -> Iterator[Callable[[Frame, Estimate], None]]:
+    """A function that draws an estimate on its frame into the video `path`, or does nothing without one."""
+    if path is None:
+        yield lambda frame, estimate: None
+        return
+    from mien.output.overlay import Mesh, OverlayWriter, draw
+
+    def mesh(estimate: Estimate) -> Mesh | None:
+        if not isinstance(tracker, FittedTracker):
+            return None
+        vertices = tracker.mesh(estimate)
+        return None if vertices is None else Mesh(vertices, tracker.fit.model.triangles)
+
+    with OverlayWriter(path) as writer:
+        yield lambda frame, estimate: writer.write(draw(frame, estimate, mesh(estimate), camera), frame.time)
+
+
+def metadata(
+    begin: Start, preset: str, tracker: Tracker, recorder: Recorder, stopped: str | None = None
+) -> Mapping[str, Any]:
+    """What is needed to get the same numbers again: the content of NAME.json."""
+    path = begin.video.path
+    values: dict[str, Any] = {
+        "mien": __version__,
+        "complete": stopped is None,
+        "stopped": stopped,
+        "frames": recorder.count,
+        "video": {
+            "name": begin.video.name,
+            "sha256": None if path is None else checksum(path),
+            "width": begin.first.width,
+            "height": begin.first.height,
+            "fps": begin.video.fps,
+        },
+        "preset": preset,
+        "camera": asdict(begin.camera),
+        "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
+        "landmark_names": list(recorder.landmark_names),
+    }
+    if isinstance(tracker, FittedTracker):
+        names = tracker.fit.model.shape_unit_names
+        values["settings"] = tracker.settings.model_dump(mode="json")
+        values["shape_units"] = dict(zip(names, np.round(tracker.fit.sigma, 6).tolist(), strict=True))
+        values["fit_residual_px"] = round(tracker.fit.residual_px, 4)
+        values["mm_per_unit"] = tracker.fit.mm_per_unit
+    return values
+
+
+def _as_written(landmarks: Landmarks) -> Landmarks:
+    """The landmarks with the decimals that they have in a file, so that a run from that file is the same run."""
+    written = landmarks.to_dict()
+    depths = written["depths"]
+    return replace(
+        landmarks,
+        points=np.array(written["points"]),
+        depths=None if depths is None else np.array(depths),
+    )
