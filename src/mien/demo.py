@@ -14,7 +14,7 @@ from mien.files import require_writable, whole_file
 from mien.geometry.rotation import FACING, Array, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
 from mien.output.overlay import OverlayWriter
-from mien.output.track import Track
+from mien.output.track import Track, track_paths
 from mien.pipeline import DEFAULT_PRESET, Progress, track
 from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, moved, portrait
 
@@ -48,28 +48,30 @@ def run_demo(
     """Write video, truth, track, overlay and plot to the folder `out`; print and return the errors."""
     console = console or Console()
     require_writable(out / VIDEO)
-    face = portrait()
-    sequence = make_sequence(face, demo_states(face, round(seconds * FPS)), noise_sd=NOISE_SD)
-    write_sequence(out, face, sequence)
-    result = track(
-        out / VIDEO,
-        preset=preset,
-        landmarks=out / LANDMARKS,
-        camera=face.camera,
-        progress=progress,
-        save=out / TABLE,
-        overlay=out / OVERLAY,
-        plot=out / PLOT,
-    )
+    with console.status("making a face in known motion, and tracking it"):
+        face = portrait()
+        sequence = make_sequence(face, demo_states(face, round(seconds * FPS)), noise_sd=NOISE_SD)
+        write_sequence(out, face, sequence)
+        result = track(
+            out / VIDEO,
+            preset=preset,
+            landmarks=out / LANDMARKS,
+            camera=face.camera,
+            progress=progress,
+            save=out / TABLE,
+            overlay=out / OVERLAY,
+            plot=out / PLOT,
+        )
     errors = compare(result, sequence)
     console.print(_table(errors, len(result)))
-    console.print(f"[bold]{out}[/bold]: {VIDEO}, {TRUTH}, {TABLE} (.json, .parquet), {OVERLAY}, {PLOT}")
+    for path in (out / VIDEO, out / TRUTH, out / LANDMARKS, *track_paths(out / TABLE), out / OVERLAY, out / PLOT):
+        console.print(f"wrote {path}", soft_wrap=True, highlight=False, markup=False)
     return errors
 
 
 def demo_states(face: Portrait, n: int) -> Array:
     """States (n, 12) of the portrait: it looks about and nods, then opens the mouth and raises the brows."""
-    s = np.arange(n) / max(n - 1, 1)
+    s = np.arange(n) / (SECONDS * FPS) % 1
     wave = np.sin(2 * np.pi * s)
     pitch, yaw, roll = 9 * np.sin(4 * np.pi * s), 22 * wave, 8 * np.sin(3 * np.pi * s)
     shift = np.stack([0.12 * wave, 0.05 * np.sin(4 * np.pi * s), 0.15 * (1 - np.cos(2 * np.pi * s))], axis=1)

@@ -1,0 +1,85 @@
+"""The demo: it writes what it says, and its errors are those of the files."""
+
+from __future__ import annotations
+
+from io import StringIO
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from rich.console import Console
+
+from mien.demo import DemoErrors, compare, demo_states, run_demo
+from mien.output.track import Track
+from mien.synthetic import make_sequence, portrait
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+
+SECONDS = 0.6
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, DemoErrors, str]:
+    out, console = tmp_path_factory.mktemp("demo") / "new" / "folder", Console(file=StringIO(), width=100)
+    errors = run_demo(out, seconds=SECONDS, console=console)
+    assert isinstance(console.file, StringIO)
+    return out, errors, console.file.getvalue()
+
+
+def test_it_writes_what_it_says(demo: tuple[Path, DemoErrors, str]) -> None:
+    out, _, said = demo
+    written = {Path(line.removeprefix("wrote ")).name for line in said.splitlines() if line.startswith("wrote ")}
+    assert written == {p.name for p in out.iterdir()}
+    assert {"track.csv", "track.json", "track.parquet", "overlay.mp4", "plot.png", "truth.npz"} <= written
+
+
+def test_video_overlay_track_and_truth_have_the_same_frames(demo: tuple[Path, DemoErrors, str]) -> None:
+    out, *_ = demo
+    n = round(SECONDS * 25)
+    for name in ("video.mp4", "overlay.mp4"):
+        with av.open(str(out / name)) as container:
+            assert len(list(container.decode(video=0))) == n
+    assert len(Track.read(out / "track.csv")) == n
+    with np.load(out / "truth.npz") as truth:
+        assert truth["R"].shape == (n, 3, 3)
+        assert truth["landmarks"].shape == (n, 26, 2)
+
+
+def test_the_face_is_followed(demo: tuple[Path, DemoErrors, str]) -> None:
+    _, errors, said = demo
+    assert errors.lost == 0
+    assert errors.euler_deg.max() < 8
+    assert errors.landmarks_px < 8
+    assert f"{errors.euler_deg[1]:.2f} degrees" in said
+
+
+def test_errors_by_hand() -> None:
+    """A track of the true pose, its landmarks off by (3, 4) pixels, its animation by 0.1, its last frame lost."""
+    face = portrait()
+    sequence = make_sequence(face, np.tile(face.state, (3, 1)))
+    estimates = [
+        Estimate(
+            k,
+            k / 25,
+            Status.TRACKED,
+            face.fit.R,
+            face.fit.t,
+            face.fit.animation + 0.1,
+            landmarks=TrackedLandmarks(("p",) * 26, sequence.landmarks[k] + [3, 4]),
+        )
+        for k in range(2)
+    ]
+    lost = Estimate.lost(sequence.frames[2], "hidden")
+    errors = compare(Track.from_estimates([*estimates, lost]), sequence)
+    np.testing.assert_allclose(errors.euler_deg, 0, atol=1e-3)
+    np.testing.assert_allclose(errors.animation, 0.1, atol=1e-4)
+    assert errors.landmarks_px == pytest.approx(5, abs=1e-3)
+    assert errors.lost == 1
+
+
+def test_states_begin_at_the_portrait_and_are_smooth() -> None:
+    face = portrait()
+    states = demo_states(face, 100)
+    np.testing.assert_allclose(states[0], face.state, atol=1e-9)
+    assert np.degrees(np.abs(np.diff(states[:, :3], axis=0))).max() < 4
+    assert np.abs(np.diff(states[:, 6:], axis=0)).max() < 0.15
