@@ -89,9 +89,7 @@ def counterpart(unit: str, expression: Array, names: tuple[str, ...]) -> Array |
     """(n,) the ARKit movement that an animation unit stands for; None where no shape of it is known."""
     total = None
     for shape, sign in UNIT_COUNTERPARTS.get(unit, {}).items():
-        columns = [
-            i for i, n in enumerate(names) if n == shape or n.removesuffix("_L").removesuffix("_R") == shape
-        ]
+        columns = [i for i, n in enumerate(names) if n == shape or n.removesuffix("_L").removesuffix("_R") == shape]
         if columns:
             term = sign * expression[:, columns].mean(axis=1)
             total = term if total is None else total + term

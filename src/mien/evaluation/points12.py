@@ -38,6 +38,10 @@ POINT_NAMES = (
 )
 
 
+TWELVE = "points12"
+"""Scheme of an annotation that holds these twelve points and nothing else."""
+
+
 def points_of_names(points: Array, names: tuple[str, ...]) -> Array | None:
     """(n, k, 2) with k names -> (n, 12, 2); None where one of the twelve is not among them."""
     if any(name not in names for name in POINT_NAMES):
@@ -47,6 +51,8 @@ def points_of_names(points: Array, names: tuple[str, ...]) -> Array | None:
 
 def points_of_scheme(points: Array, scheme: str) -> Array:
     """(n, k, 2) of a scheme of landmarks -> (n, 12, 2)."""
+    if scheme == TWELVE:
+        return points
     rows = _rows(scheme, points.shape[1])
     return points[:, [rows[LANDMARK_VERTICES[name]] for name in POINT_NAMES]]
 

@@ -105,9 +105,7 @@ class Comparison:
         return self.tracked(lost_deg) if self.protocol is Protocol.PAPER else self.known
 
 
-def compare(
-    protocol: Protocol, truth: Truth, rotations: Array, covariance: Array | None = None
-) -> Comparison:
+def compare(protocol: Protocol, truth: Truth, rotations: Array, covariance: Array | None = None) -> Comparison:
     """A track in the angles of a protocol beside its truth.
 
     rotations: (n, 3, 3) head -> camera, NaN where lost; covariance: (n, 3, 3) of the rotation vector in
@@ -115,9 +113,7 @@ def compare(
     the first frame.
     """
     require(truth.has_pose, "the sequence has no truth of the pose; only its landmarks can be compared")
-    require(
-        len(rotations) == truth.frames, f"the track has {len(rotations)} frames and the truth {truth.frames}"
-    )
+    require(len(rotations) == truth.frames, f"the track has {len(rotations)} frames and the truth {truth.frames}")
     true_R = truth_rotations(protocol, truth)
     known = np.isfinite(true_R).all(axis=(1, 2))
     require(bool(known.any()), "the truth gives no pose for any frame")
@@ -133,9 +129,7 @@ def compare(
         np.where(known[:, None], angles_deg(A, protocol.order), np.nan),
         np.degrees(angle_between(A_true, A)),
         lost & known,
-        _angle_covariance(
-            protocol, A, held[first], np.full_like(held, np.nan) if covariance is None else covariance
-        ),
+        _angle_covariance(protocol, A, held[first], np.full_like(held, np.nan) if covariance is None else covariance),
     )
 
 
@@ -188,7 +182,7 @@ def _angle_covariance(protocol: Protocol, A: Array, R_first: Array, covariance: 
     """
     to_relative = FACING if protocol is Protocol.SENSOR else R_first.T
     J = _angle_jacobian(A, protocol.order) @ to_relative
-    return np.asarray(J @ covariance @ np.swapaxes(J, 1, 2)) * np.degrees(1.0) ** 2
+    return np.asarray(np.degrees(1.0) ** 2 * (J @ covariance @ np.swapaxes(J, 1, 2)))
 
 
 def _angle_jacobian(A: Array, order: str, step: float = 1e-5) -> Array:

@@ -60,9 +60,7 @@ class TrackTable:
             ),
             animation=_stack([e.animation for e in estimates], (len(TRACKED_UNITS),)),
             confidence=np.array([e.confidence for e in estimates]),
-            landmarks=_stack(
-                [None if e.landmarks is None else e.landmarks.image for e in estimates], (len(names), 2)
-            ),
+            landmarks=_stack([None if e.landmarks is None else e.landmarks.image for e in estimates], (len(names), 2)),
             landmark_names=names,
             reasons=tuple(e.reason for e in estimates),
         )
@@ -110,9 +108,7 @@ class SequenceResult:
                 pictures={int(k.split(".")[1]): v for k, v in values.items() if k.startswith("picture.")},
             )
         except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as e:
-            raise MienError(
-                f"{path} is not a result of this version ({e}); remove it and run it again"
-            ) from e
+            raise MienError(f"{path} is not a result of this version ({e}); remove it and run it again") from e
 
 
 @dataclass(frozen=True)
@@ -148,9 +144,7 @@ class Timing:
             values = json.loads(path.read_text(encoding="utf-8"))
             return cls(**{**values, "frame_seconds": tuple(values["frame_seconds"])})
         except (OSError, ValueError, KeyError, TypeError) as e:
-            raise MienError(
-                f"{path} is not a timing of this version ({e}); remove it and run it again"
-            ) from e
+            raise MienError(f"{path} is not a timing of this version ({e}); remove it and run it again") from e
 
 
 def _stack(values: Sequence[Array | None], shape: tuple[int, ...]) -> Array:
@@ -178,8 +172,4 @@ def _plain(value: NDArray[Any]) -> Any:
     """Text and single numbers as Python's own, so that what is read equals what was written."""
     if value.ndim == 0:
         return value.item()
-    return (
-        tuple(str(v) for v in value)
-        if value.dtype.kind == "U" or (value.size == 0 and value.ndim == 1)
-        else value
-    )
+    return tuple(str(v) for v in value) if value.dtype.kind == "U" or (value.size == 0 and value.ndim == 1) else value

@@ -58,9 +58,7 @@ def run_sequence(
     )
 
 
-def time_sequence(
-    make_tracker: Any, sequence: Sequence, landmarks: Landmarks, name: str = "tracker"
-) -> Timing:
+def time_sequence(make_tracker: Any, sequence: Sequence, landmarks: Landmarks, name: str = "tracker") -> Timing:
     """Seconds of each call of a tracker, without decoding, after a warm-up with a tracker of its own.
 
     make_tracker: called without arguments; the warm-up pays for what is compiled or loaded once in a process.
@@ -142,9 +140,7 @@ def _estimates(
 def _check(estimate: Estimate, frame: Frame) -> None:
     """A tracker that breaks the protocol is not measured."""
     if not isinstance(estimate, Estimate):
-        raise MienError(
-            f"frame {frame.index}: the tracker returned {type(estimate).__name__}, not an Estimate"
-        )
+        raise MienError(f"frame {frame.index}: the tracker returned {type(estimate).__name__}, not an Estimate")
     R = estimate.rotation
     broken = R is not None and (np.shape(R) != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4))
     require(
@@ -161,7 +157,5 @@ def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, NDArray[np.uint
     for frame in islice(open_video(video), max(wanted, default=-1) + 1):
         if frame.index in wanted:
             bgr = cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2BGR)
-            out[frame.index] = np.asarray(
-                cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]
-            ).ravel()
+            out[frame.index] = np.asarray(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]).ravel()
     return out

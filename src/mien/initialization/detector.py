@@ -35,7 +35,7 @@ def detect(frame: Frame) -> list[Landmarks]:
     Raises MienError where MediaPipe is not installed.
     """
     with _face_mesh(_MAXIMUM_FACES) as mesh:
-        faces = [f for f in _faces(mesh, frame.pixels)]
+        faces = [f for f in read_faces(mesh, frame.pixels)]
     faces.sort(key=lambda f: -float(np.ptp(f[:, :2], axis=0).prod()))
     return [
         Landmarks(f[:, :2], "mediapipe478", f[:, 2], frame.index, frame.time, "detected face")
@@ -53,7 +53,7 @@ def _average(frame: Frame, face: Array) -> Array:
         for turn_deg, scale in _COPIES:
             A = _crop_matrix(centre, turn_deg, scale * size / side, size)
             crop = cv2.warpAffine(frame.pixels, A, (size, size), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-            found = _faces(mesh, crop)
+            found = read_faces(mesh, crop)
             if found:
                 answers.append(_uncrop(found[0], A))
     # A copy in which another face or nothing was found is outvoted.
@@ -73,7 +73,7 @@ def _uncrop(points: Array, A: Array) -> Array:
     return np.column_stack([points[:, :2] @ inverse[:, :2].T + inverse[:, 2], points[:, 2] / scale])
 
 
-def _faces(mesh: Any, pixels: Any) -> list[Array]:
+def read_faces(mesh: Any, pixels: Any) -> list[Array]:
     """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
     height, width = pixels.shape[:2]
     answer = mesh.process(np.ascontiguousarray(pixels)).multi_face_landmarks or []
@@ -83,7 +83,7 @@ def _faces(mesh: Any, pixels: Any) -> list[Array]:
 
 @contextlib.contextmanager
 def _face_mesh(faces: int) -> Iterator[Any]:
-    with _silenced():
+    with silenced():
         try:
             from mediapipe.python.solutions.face_mesh import FaceMesh
         except ImportError as e:
@@ -98,7 +98,7 @@ def _face_mesh(faces: int) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _silenced() -> Iterator[None]:
+def silenced() -> Iterator[None]:
     """MediaPipe logs to the process's standard error from C++; keep that off the user's screen."""
     saved = os.dup(2)
     null = os.open(os.devnull, os.O_WRONLY)

@@ -7,13 +7,15 @@ from pathlib import Path
 from types import MappingProxyType
 
 from mien.errors import require
-from mien.evaluation.datasets import buft, rendered
+from mien.evaluation.datasets import annotated_video, buft, rendered, talking_face
 from mien.evaluation.datasets.sequence import Sequence
 
 DATASETS: Mapping[str, Callable[[Path], tuple[Sequence, ...]]] = MappingProxyType(
     {
         "buft": buft.load,
+        "talking-face": talking_face.load,
         "rendered": rendered.load,
+        "video": annotated_video.load,
     }
 )
 

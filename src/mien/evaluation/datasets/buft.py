@@ -48,9 +48,7 @@ def load(root: Path) -> tuple[Sequence, ...]:
     )
     names = [video.stem for video, _ in pairs]
     twice = sorted({n for n in names if names.count(n) > 1})
-    require(
-        not twice, f"{root} holds more than one sequence named {', '.join(twice)}; give one set at a time"
-    )
+    require(not twice, f"{root} holds more than one sequence named {', '.join(twice)}; give one set at a time")
     return tuple(
         Sequence(
             video.stem,

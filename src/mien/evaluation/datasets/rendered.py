@@ -50,9 +50,7 @@ def read_truth(path: Path, frames: int) -> Truth:
             require_frames(len(array), frames, path)
             require_finite(array, path, name)
     names = tuple(str(n) for n in values["expression_names"]) if expression is not None else ()
-    return Truth(
-        frames, rotations=FACING @ R, landmarks=landmarks, expression=expression, expression_names=names
-    )
+    return Truth(frames, rotations=FACING @ R, landmarks=landmarks, expression=expression, expression_names=names)
 
 
 def _sequence(video: Path) -> Sequence | None:
@@ -70,9 +68,7 @@ def _read_npz(path: Path) -> Mapping[str, Any]:
         values = dict(np.load(path))
     except (OSError, ValueError, BadZipFile) as e:
         raise MienError(f"{path} is not an npz file that can be read ({e}); make it again") from e
-    require(
-        "R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)"
-    )
+    require("R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)")
     return values
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from mien.errors import require
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import SCHEMES, Landmarks
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Truth:
 
     def first_landmarks(self, source: str) -> Landmarks:
         """The annotation of frame 0. Raises MienError where there is none."""
-        points = None if self.landmarks is None else self.landmarks[0]
+        usable = self.landmarks is not None and self.landmark_scheme in SCHEMES
+        points = self.landmarks[0] if usable and self.landmarks is not None else None
         require(
             points is not None and bool(np.isfinite(points).all()),
-            f"{source}: frame 0 has no annotated landmarks; take them from the detector (--landmarks "
-            "detected)",
+            f"{source}: frame 0 has no annotation of a whole face; take them from the detector (--landmarks detected)",
         )
         return Landmarks(np.asarray(points, dtype=float), self.landmark_scheme, source=source)
 

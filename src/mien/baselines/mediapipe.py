@@ -1,0 +1,143 @@
+"""MediaPipe Face Mesh as a peer: its 478 landmarks, and PnP on its own mesh of the first frame.
+
+The network gives each landmark a depth relative to the head's centre, in pixels. The landmarks of the first
+frame, put back into space with these depths, are the rigid mesh; the pose of every later frame is the PnP
+solution between that mesh and the frame's landmarks, with the camera of the sequence. The mesh is aligned to
+CANDIDE once, so that angles are zero when the face looks into the camera and lengths are CANDIDE units.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.candide.model import Candide, mm_per_unit
+from mien.errors import MienError
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array, exp, log
+from mien.initialization.detector import read_faces, silenced
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import Frame
+
+NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install 'mien[auto]' (Python 3.10 to 3.12)"
+NO_FACE = "MediaPipe sees no face"
+
+Rows = NDArray[np.intp]
+
+
+class MediaPipeTracker:
+    """MediaPipe 0.10.21 Face Mesh in video mode with refined landmarks.
+
+    It finds the face itself and does not use the landmarks that `initialize` is given. It estimates no
+    animation and no covariance; its confidence is 1 wherever it sees a face, because it reports none.
+    """
+
+    def __init__(self) -> None:
+        with silenced():
+            try:
+                from mediapipe.python.solutions.face_mesh import FaceMesh
+            except ImportError as e:
+                raise MienError(NOT_INSTALLED) from e
+            self._mesh = FaceMesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)
+        self._model = Candide.default().vertices()
+        self._mm_per_unit = mm_per_unit(self._model)
+        self._shape: Array | None = None
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """Find the face, and take its landmarks with their depths as the mesh."""
+        self._camera = camera
+        with silenced():
+            points = self._detect(frame)
+        if points is None:
+            return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
+        X = back_project(points, camera)
+        vertices, rows = _candide_pairs(points)
+        scale, R, t = similarity(self._model[vertices], X[rows])
+        self._shape = (X - t) @ R / scale
+        self._R, self._t = R, t / scale
+        return self._estimate(frame, points, Status.INITIALIZED)
+
+    def track(self, frame: Frame) -> Estimate:
+        """The face's pose by PnP, started at the last frame's."""
+        points = self._detect(frame)
+        if points is None or self._shape is None:
+            return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
+        self._R, self._t = solve_pnp(self._shape, points[:, :2], self._camera, self._R, self._t)
+        return self._estimate(frame, points, Status.TRACKED)
+
+    def _estimate(self, frame: Frame, points: Array, status: Status) -> Estimate:
+        assert self._shape is not None
+        names, rows = _named_rows(points)
+        seen = TrackedLandmarks(names, points[rows, :2], self._shape[rows] @ self._R.T + self._t)
+        return Estimate(
+            frame.index,
+            frame.time,
+            status,
+            rotation=self._R,
+            translation=self._t,
+            landmarks=seen,
+            confidence=1.0,
+            mm_per_unit=self._mm_per_unit,
+        )
+
+    def _detect(self, frame: Frame) -> Array | None:
+        """(478, 3) pixels, the third the depth relative to the head's centre; None without a face."""
+        faces = read_faces(self._mesh, frame.pixels)
+        return faces[0] if faces else None
+
+
+def back_project(points: Array, camera: Camera) -> Array:
+    """Pixels with relative depths in pixels -> camera axes, the head's centre at a distance of the focal
+    length.
+
+    (n, 3) -> (n, 3); at that distance a pixel is a unit of length.
+    """
+    z = camera.focal_px + points[:, 2]
+    x = (points[:, 0] - camera.cx) * z / camera.focal_px
+    y = (points[:, 1] - camera.cy) * z / camera.focal_px
+    return np.column_stack([x, y, z])
+
+
+def similarity(source: Array, target: Array) -> tuple[float, Array, Array]:
+    """s, R (3, 3), t (3,) with the least squares of `target - (s R source + t)`; (n, 3), (n, 3). Umeyama
+    1991.
+    """
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    U, S, Vt = np.linalg.svd(b.T @ a)
+    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    R = U @ D @ Vt
+    scale = float((S * np.diag(D)).sum() / (a**2).sum())
+    return scale, R, target.mean(axis=0) - scale * R @ source.mean(axis=0)
+
+
+def solve_pnp(shape: Array, pixels: Array, camera: Camera, R: Array, t: Array) -> tuple[Array, Array]:
+    """Pose of a rigid shape (n, 3) seen at pixels (n, 2), by Levenberg-Marquardt from the pose R, t."""
+    K = np.array([[camera.focal_px, 0, camera.cx], [0, camera.focal_px, camera.cy], [0, 0, 1]])
+    # OpenCV writes its answer into the start values.
+    _, rotation, translation = cv2.solvePnP(
+        shape,
+        np.ascontiguousarray(pixels),
+        K,
+        None,
+        log(R)[:, None],
+        t[:, None].copy(),
+        True,
+        cv2.SOLVEPNP_ITERATIVE,
+    )
+    return exp(rotation.ravel()), np.asarray(translation.ravel())
+
+
+def _candide_pairs(points: Array) -> tuple[Rows, Rows]:
+    """Vertices of CANDIDE and the rows of the 478 landmarks that belong to them."""
+    rows = np.column_stack([np.arange(len(points), dtype=float)] * 2)
+    vertices, at, _ = Landmarks(rows, "mediapipe478").correspondences()
+    return vertices, at[:, 0].astype(np.intp)
+
+
+def _named_rows(points: Array) -> tuple[tuple[str, ...], Rows]:
+    """Names of CANDIDE's landmarks and their rows among the 478."""
+    row_of = dict(zip(*(values.tolist() for values in _candide_pairs(points)), strict=True))
+    named = {name: row_of[v] for name, v in LANDMARK_VERTICES.items() if v in row_of}
+    return tuple(named), np.array(list(named.values()), dtype=np.intp)

@@ -1,0 +1,64 @@
+"""The output of OpenFace, read from its CSV as if it were a tracker's: `--trackers openface:PATH`.
+
+PATH is one CSV, or a folder with one for every sequence under its name. mien's own CSV files are read alike.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mien.candide.model import Candide, mm_per_unit
+from mien.errors import require
+from mien.evaluation.points12 import names_of_scheme
+from mien.evaluation.pose_csv import read_pose_csv
+from mien.geometry.camera import Camera
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import Frame
+
+
+class OpenFaceTracker:
+    """Gives each frame the row of a CSV. A frame without a row, or with success 0, is lost.
+
+    Raises MienError where the file is not such a table. Camera and first landmarks are not used.
+    """
+
+    def __init__(self, path: str = "") -> None:
+        require(bool(path), "the tracker 'openface' needs a CSV or a folder of them: openface:PATH")
+        self._table = read_pose_csv(Path(path))
+        self._row_of = {int(i): row for row, i in enumerate(self._table.index) if self._table.tracked[row]}
+        self._mm_per_unit = mm_per_unit(Candide.default().vertices())
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """The row of the first frame."""
+        return self._estimate(frame, Status.INITIALIZED)
+
+    def track(self, frame: Frame) -> Estimate:
+        """The row of a frame."""
+        return self._estimate(frame, Status.TRACKED)
+
+    def _estimate(self, frame: Frame, status: Status) -> Estimate:
+        if frame.index not in self._row_of:
+            return Estimate.lost(frame, f"{self._table.source.name} has no face in this frame", self._mm_per_unit)
+        table, row = self._table, self._row_of[frame.index]
+        t = None if table.translation_mm is None else table.translation_mm[row] / self._mm_per_unit
+        known = t is not None and bool(np.isfinite(t).all())
+        return Estimate(
+            frame.index,
+            frame.time,
+            status,
+            rotation=None if table.rotation is None else table.rotation[row],
+            translation=t if known else None,
+            animation=None if table.animation is None else table.animation[row],
+            landmarks=self._landmarks(row),
+            confidence=float(table.confidence[row]),
+            mm_per_unit=self._mm_per_unit,
+        )
+
+    def _landmarks(self, row: int) -> TrackedLandmarks | None:
+        if self._table.landmarks is None:
+            return None
+        points = self._table.landmarks[row]
+        return TrackedLandmarks(names_of_scheme(self._table.scheme, len(points)), points)

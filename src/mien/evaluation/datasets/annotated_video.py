@@ -1,0 +1,65 @@
+"""Your own video with the truth of its pose or its landmarks in a CSV.
+
+PATH is a video with a CSV of the same name beside it, or a folder of such pairs. The columns are those of
+`mien.evaluation.pose_csv`: `frame`, `pose_Rx, pose_Ry, pose_Rz` in radians, `x_0, y_0, ..` in pixels. `frame`
+counts from 0, or from 1 as OpenFace does where no row has frame 0 and the last is the number of frames.
+Without that column there must be a row for every frame. Frames without a row, or with `success` 0, have no
+truth. The camera is the default, a field of view of 60 degrees, unless a focal length is given.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.errors import require
+from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
+from mien.evaluation.pose_csv import PoseTable, read_pose_csv
+from mien.geometry.rotation import Array
+
+NOT_VIDEO = (".csv", ".json", ".parquet", ".txt", ".png", ".jpg")
+
+
+def load(path: Path) -> tuple[Sequence, ...]:
+    """Every video that has a CSV of its name beside it."""
+    candidates = sorted(path.iterdir()) if path.is_dir() else [path]
+    videos = [p for p in candidates if p.suffix.lower() not in NOT_VIDEO and p.with_suffix(".csv").is_file()]
+    require(bool(videos), f"{path} holds no annotated video; it needs a video with a CSV of the same name beside it")
+    return tuple(_sequence(video, video.with_suffix(".csv")) for video in videos)
+
+
+def read_truth(path: Path, frames: int) -> Truth:
+    """The truth of a video of so many frames. Raises MienError where the rows do not fit them."""
+    table = read_pose_csv(path)
+    index = _index(table, frames)
+    require(
+        bool(index.size) and int(index.min()) >= 0 and int(index.max()) < frames,
+        f"{path} describes frames up to {int(table.frame.max())} and its video has {frames}; "
+        "check that they belong together",
+    )
+    require(len(np.unique(index)) == len(index), f"{path} has two rows for one frame; keep one of them")
+
+    def spread(values: Array | None) -> Array | None:
+        if values is None:
+            return None
+        out = np.full((frames, *values.shape[1:]), np.nan)
+        out[index[table.tracked]] = values[table.tracked]
+        return out
+
+    landmarks = spread(table.landmarks)
+    scheme = "ibug68" if landmarks is None else table.scheme
+    return Truth(frames, rotations=spread(table.rotation), landmarks=landmarks, landmark_scheme=scheme)
+
+
+def _index(table: PoseTable, frames: int) -> NDArray[np.intp]:
+    if not table.numbered:
+        require_frames(len(table.frame), frames, table.source)
+    from_one = not (table.frame == 0).any() and int(table.frame.max()) == frames
+    return table.frame - 1 if from_one else table.frame
+
+
+def _sequence(video: Path, truth: Path) -> Sequence:
+    return Sequence(video.stem, "video", video, (truth,), partial(read_truth, truth))

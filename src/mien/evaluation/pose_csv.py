@@ -1,0 +1,144 @@
+"""Tables of poses and landmarks in OpenFace's columns, from OpenFace, from mien, or made by hand.
+
+Columns, all of them optional but one of pose or landmarks: `frame`, `face_id`, `timestamp` (s), `confidence`,
+`success`; `pose_Rx, pose_Ry, pose_Rz` (radians, `R = Rx Ry Rz` in camera axes, zero when facing the camera);
+`pose_Tx..` (mm); `x_0.., y_0..` pixels of 68 (iBUG) or 26 (CANDIDE) landmarks; mien's units by name and
+`pose_Rx_sd..`. OpenFace puts a space before most names and values.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError, require
+from mien.geometry.rotation import FACING, Array
+
+ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
+TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
+SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """One face's rows of a CSV. What has no column is None; a row whose `success` is 0 is not `tracked`.
+
+    frame: (n,) as the file numbers them, or the number of the row where it does not (numbered is False);
+    from_zero: whether the first frame is 0, as in mien's files, or 1, as in OpenFace's; rotation: (n, 3, 3)
+    head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6).
+    """
+
+    source: Path
+    frame: NDArray[np.intp]
+    numbered: bool
+    from_zero: bool
+    tracked: NDArray[np.bool_]
+    confidence: Array
+    rotation: Array | None = None
+    translation_mm: Array | None = None
+    landmarks: Array | None = None
+    animation: Array | None = None
+
+    @property
+    def index(self) -> NDArray[np.intp]:
+        """(n,) indices of the frames, from 0."""
+        return self.frame if self.from_zero else self.frame - 1
+
+    @property
+    def scheme(self) -> str:
+        """Scheme of the landmarks."""
+        assert self.landmarks is not None
+        return SCHEME_OF_COUNT[self.landmarks.shape[1]]
+
+
+def read_pose_csv(path: Path) -> PoseTable:
+    """The first face of a CSV. Raises MienError where it is no such table, or a number in it is none."""
+    rows = _rows(path)
+    names = list(rows[0])
+    count = sum(1 for n in names if n.startswith("x_") and n[2:].isdecimal())
+    has_pose = set(ROTATION) <= set(names)
+    require(
+        has_pose or count in SCHEME_OF_COUNT,
+        f"{path} has neither the columns {', '.join(ROTATION)} nor the landmarks x_0, y_0 .. of 68 or 26 points",
+    )
+    success = _column(path, rows, "success", 1.0)
+    tracked = np.nan_to_num(success) > 0
+    frame = _column(path, rows, "frame", np.nan)
+    numbered = "frame" in names
+    frame = frame if numbered else np.arange(len(rows), dtype=float)
+    require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
+    angles = _columns(path, rows, ROTATION) if has_pose else None
+    points = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
+    landmarks = _columns(path, rows, points) if count in SCHEME_OF_COUNT else None
+    for what, values in (("the pose", angles), ("a landmark", landmarks)):
+        bad = _rows_without(values, tracked)
+        require(
+            len(bad) == 0,
+            f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
+            "correct it, or leave the row out",
+        )
+    return PoseTable(
+        path,
+        frame.astype(np.intp),
+        numbered,
+        bool((frame == 0).any()) or "status" in names,
+        tracked,
+        np.nan_to_num(_column(path, rows, "confidence", 1.0)),
+        None if angles is None else _rotations(angles),
+        _columns(path, rows, TRANSLATION) if set(TRANSLATION) <= set(names) else None,
+        None if landmarks is None else landmarks.reshape(len(rows), count, 2),
+        _columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
+    )
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    require(path.is_file(), f"{path}: no such file; check the name")
+    try:
+        with path.open(encoding="utf-8", newline="") as f:
+            rows = [
+                {k.strip(): (v or "").strip() for k, v in row.items() if isinstance(k, str)}
+                for row in csv.DictReader(f, skipinitialspace=True)
+            ]
+    except (UnicodeDecodeError, csv.Error) as e:
+        raise MienError(f"{path} is not a CSV that can be read ({e})") from e
+    require(bool(rows), f"{path} holds no row; it needs one for every frame")
+    faces = [row.get("face_id", "0") for row in rows]
+    return [row for row, face in zip(rows, faces, strict=True) if face == faces[0]]
+
+
+def _column(path: Path, rows: Sequence[dict[str, str]], name: str, default: float) -> Array:
+    if name not in rows[0]:
+        return np.full(len(rows), default)
+    return _columns(path, rows, (name,))[:, 0]
+
+
+def _columns(path: Path, rows: Sequence[dict[str, str]], names: Sequence[str]) -> Array:
+    """(n, k) numbers; an empty cell is NaN."""
+    missing = [n for n in names if n not in rows[0]]
+    require(not missing, f"{path} lacks the column {missing[0] if missing else ''}; write the file again")
+    try:
+        return np.array([[float(row[n] or "nan") for n in names] for row in rows])
+    except ValueError as e:
+        raise MienError(f"{path}: a cell is not a number ({e}); correct the file") from e
+
+
+def _rows_without(values: Array | None, wanted: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Rows that should hold finite numbers and do not."""
+    if values is None:
+        return np.empty(0, dtype=np.intp)
+    return np.flatnonzero(wanted & ~np.isfinite(values).all(axis=1))
+
+
+def _rotations(angles: Array) -> Array:
+    out = np.full((len(angles), 3, 3), np.nan)
+    known = np.isfinite(angles).all(axis=1)
+    if known.any():
+        out[known] = Rotation.from_euler("XYZ", angles[known]).as_matrix() @ FACING
+    return out
