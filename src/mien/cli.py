@@ -116,12 +116,12 @@ def track(
     quiet: Quiet = False,
 ) -> None:
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
-    from mien import pipeline
     from mien.output.destination import Destination
+    from mien.pipeline import track as track_video
 
     output = output or Path(_stem(video) + ".csv")
     with _progress_bar(quiet) as progress:
-        result = pipeline.track(
+        result = track_video(
             video,
             preset=preset,
             landmarks=landmarks,

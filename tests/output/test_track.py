@@ -51,9 +51,7 @@ def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) 
     names = ["frame", "face_id", "timestamp", "confidence", "success", "pose_Tx", "pose_Ty", "pose_Tz"]
     names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS]
     names += [f"{axis}_{i}" for axis in "xyXYZ" for i in range(3)]
-    names += [f"pose_{n}_sd" for n in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")] + [
-        f"{u}_sd" for u in TRACKED_UNITS
-    ]
+    names += [f"pose_{n}_sd" for n in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")] + [f"{u}_sd" for u in TRACKED_UNITS]
     names += [f"visibility_{i}" for i in range(3)]
     assert track.table.column_names == names
 
@@ -204,7 +202,7 @@ def test_a_folder_that_is_missing_is_named(track: Track, tmp_path: Path) -> None
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "frame,timestamp,status\n0,zero,tracked\n"])
 def test_read_refuses_what_is_no_track(text: str, tmp_path: Path) -> None:
     (tmp_path / "out.csv").write_text(text)
-    with pytest.raises(MienError, match="out.csv"):
+    with pytest.raises(MienError, match=r"out\.csv"):
         Track.read(tmp_path / "out.csv")
 
 
@@ -213,5 +211,5 @@ def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Pa
         Track.read(tmp_path / "out")
     track.save(tmp_path / "out")
     assert json.loads((tmp_path / "out.json").read_text()) == {"version": "1"}
-    with pytest.raises(MienError, match="read the .csv"):
+    with pytest.raises(MienError, match=r"read the \.csv"):
         Track.read(tmp_path / "out.json")

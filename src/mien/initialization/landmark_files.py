@@ -54,8 +54,9 @@ def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
 
 
 def _read_json(path: Path, index: int, time: float) -> Landmarks:
+    text = path.read_text(encoding="utf-8")
     try:
-        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        values: dict[str, Any] = json.loads(text)
         values = values.get("landmarks", values)  # NAME.json of a track holds those of its first frame
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)

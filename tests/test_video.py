@@ -1,0 +1,214 @@
+"""Frames of files, folders and cameras."""
+
+from __future__ import annotations
+
+import tracemalloc
+import warnings
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.errors import MienError, MienWarning
+from mien.files import checksum
+from mien.video import FOLDER_FPS, Frame, expected_count, open_video, select
+from videos import gradient, turn_by_metadata, write_video
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    return write_video(tmp_path / "plain.mkv", [gradient(i) for i in range(10)])
+
+
+def frames_of(path: Path) -> list[Frame]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return list(open_video(path))
+
+
+def test_frames_come_in_order_with_the_containers_times(video: Path) -> None:
+    frames = frames_of(video)
+    assert [f.index for f in frames] == list(range(10))
+    np.testing.assert_allclose([f.time for f in frames], np.arange(10) / 25, atol=1e-3)
+    for f in frames:
+        np.testing.assert_array_equal(f.pixels, gradient(f.index))
+
+
+def test_gray_is_luminance() -> None:
+    frame = Frame(np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    assert frame.gray.shape == (2, 3)
+    assert np.all(frame.gray == 76)  # 0.299 of 255
+    assert (frame.width, frame.height) == (3, 2)
+
+
+def test_a_video_can_be_read_twice(video: Path) -> None:
+    opened = open_video(video)
+    assert len(list(opened)) == len(list(opened)) == 10
+
+
+def test_variable_frame_rate_keeps_the_true_times(tmp_path: Path) -> None:
+    times = [0, 40, 50, 200, 1000, 1033]
+    path = write_video(tmp_path / "vfr.mkv", [gradient(i) for i in range(6)], times_ms=times)
+    np.testing.assert_allclose([f.time for f in frames_of(path)], np.array(times) / 1000, atol=1e-9)
+
+
+def test_rotation_metadata_is_honoured(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "phone.mp4", [gradient(i) for i in range(3)], codec="libx264", pix_fmt="yuv420p")
+    before = frames_of(path)[0].pixels
+    turn_by_metadata(path)
+    after = frames_of(path)[0]
+    assert (after.width, after.height) == (48, 64)
+    np.testing.assert_array_equal(after.pixels, np.rot90(before, -1))
+
+
+@pytest.mark.parametrize(
+    ("pix_fmt", "image"),
+    [
+        ("gray", np.arange(48 * 64, dtype=np.uint8).reshape(48, 64) // 2 * 2),
+        ("gray16le", np.arange(48 * 64, dtype=np.uint16).reshape(48, 64) * 16),
+    ],
+)
+def test_one_channel_and_16_bits_become_rgb(tmp_path: Path, pix_fmt: str, image: np.ndarray) -> None:
+    frame = frames_of(write_video(tmp_path / "gray.mkv", [image], pix_fmt=pix_fmt, of=pix_fmt))[0]
+    assert frame.pixels.dtype == np.uint8
+    expected = image if image.dtype == np.uint8 else image / 257
+    for channel in range(3):
+        np.testing.assert_allclose(frame.pixels[..., channel], expected, atol=1.5)
+
+
+def test_four_channels_become_rgb(tmp_path: Path) -> None:
+    image = np.dstack([gradient(3), np.full((48, 64), 200, np.uint8)])
+    frame = frames_of(write_video(tmp_path / "alpha.mkv", [image], pix_fmt="bgra", of="rgba"))[0]
+    np.testing.assert_array_equal(frame.pixels, gradient(3))
+
+
+def test_one_frame_is_a_video(tmp_path: Path) -> None:
+    assert len(frames_of(write_video(tmp_path / "one.mkv", [gradient(0)]))) == 1
+
+
+def test_frames_of_changing_size_are_fitted_into_the_first_with_a_warning(tmp_path: Path) -> None:
+    """A wider frame keeps its proportions: black above and below, and only there."""
+    images = [np.full((48, 64, 3), 200, np.uint8)] * 2 + [np.full((48, 128, 3), 200, np.uint8)] * 2
+    path = tmp_path / "sizes.mjpeg"
+    path.write_bytes(b"".join(cv2.imencode(".jpg", i)[1].tobytes() for i in images))
+    with pytest.warns(MienWarning, match=r"sizes.mjpeg: frame 2 has 128x48 pixels and the first 64x48") as caught:
+        frames = list(open_video(path))
+    assert len(caught) == 1
+    assert [f.pixels.shape for f in frames] == [(48, 64, 3)] * 4
+    fitted = frames[2].pixels
+    assert fitted[:12].max() == fitted[36:].max() == 0
+    assert fitted[12:36].min() > 190
+
+
+@pytest.mark.parametrize("ending", [".avi", ".mkv"])
+def test_a_truncated_file_gives_what_decodes_and_a_warning(tmp_path: Path, ending: str) -> None:
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(100)]
+    path = write_video(tmp_path / f"whole{ending}", images)
+    cut = tmp_path / f"cut{ending}"
+    cut.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(MienWarning, match=r"cut.* is truncated or damaged: \d+ .*decoded"):
+        frames = list(open_video(cut))
+    assert 30 < len(frames) < 70
+    np.testing.assert_array_equal(frames[20].pixels, images[20])
+
+
+def test_damage_in_the_middle_does_not_end_the_video(tmp_path: Path) -> None:
+    images = [gradient(i) for i in range(20)]
+    path = write_video(tmp_path / "hole.avi", images, codec="mjpeg", pix_fmt="yuvj420p")
+    content = bytearray(path.read_bytes())
+    starts = [i for i in range(len(content)) if content.startswith(b"00dc", i)]
+    content[starts[10] + 8 : starts[11]] = bytes(starts[11] - starts[10] - 8)
+    path.write_bytes(content)
+    with pytest.warns(MienWarning, match="truncated or damaged: 19 of 20"):
+        frames = list(open_video(path))
+    np.testing.assert_allclose([f.time for f in frames[-2:]], [18 / 25, 19 / 25])
+
+
+def test_nothing_decodes(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "header.avi", [gradient(i) for i in range(5)])
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"movi") + 4])
+    with pytest.raises(MienError, match=r"header.avi: no frame could be decoded"):
+        list(open_video(path))
+
+
+@pytest.mark.parametrize("content", [b"", b"hello\n" * 100, bytes(range(256)) * 40])
+@pytest.mark.parametrize("name", ["x.mp4", "x.txt", "x"])
+def test_not_a_video(tmp_path: Path, content: bytes, name: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MienError, match=r"/x.* (is not a video|cannot be read as a video)"):
+        open_video(tmp_path / name)
+
+
+def test_missing_file_and_empty_folder(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match=r"none.mp4: no such file"):
+        open_video(tmp_path / "none.mp4")
+    with pytest.raises(MienError, match="holds no image"):
+        open_video(tmp_path)
+
+
+def test_camera_that_is_not_there() -> None:
+    with pytest.raises(MienError, match="camera 97 cannot be opened"):
+        next(iter(open_video(97)))
+    assert open_video("97").name == "camera 97"
+
+
+def test_folder_is_read_by_name_whatever_the_images_depth(tmp_path: Path) -> None:
+    image = gradient(5)
+    gray16 = np.full((48, 64), 128 * 257, np.uint16)
+    cv2.imwrite(str(tmp_path / "b.png"), image[..., ::-1])
+    cv2.imwrite(str(tmp_path / "a.png"), gray16)
+    cv2.imwrite(str(tmp_path / "c.png"), np.dstack([image[..., ::-1], np.full((48, 64), 9, np.uint8)]))
+    (tmp_path / "notes.txt").write_text("not an image")
+    frames = frames_of(tmp_path)
+    assert np.all(frames[0].pixels == 128)
+    np.testing.assert_array_equal(frames[1].pixels, image)
+    np.testing.assert_array_equal(frames[2].pixels, image)
+    np.testing.assert_allclose([f.time for f in frames], np.arange(3) / FOLDER_FPS)
+
+
+def test_broken_image_of_a_folder_is_left_out_and_keeps_its_place(tmp_path: Path) -> None:
+    for name in "ac":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), gradient(1))
+    (tmp_path / "b.png").write_bytes(b"broken")
+    with pytest.warns(MienWarning, match=r"b.png is not a readable image"):
+        frames = list(open_video(tmp_path))
+    assert [f.index for f in frames] == [0, 2]
+
+
+def test_selection_keeps_indices_and_ends_before_the_end(video: Path) -> None:
+    chosen = list(select(open_video(video), start=0.08, end=0.2))
+    assert [f.index for f in chosen] == [2, 3, 4]
+    assert expected_count(open_video(video), 0.08, 0.2) == 3
+    assert expected_count(open_video(video)) == 10
+
+
+def test_selection_without_a_frame_says_how_long_the_video_is(video: Path) -> None:
+    with pytest.raises(MienError, match=r"no frame from 5 s .*last is at 0.36 s"):
+        list(select(open_video(video), start=5))
+    with pytest.raises(MienError, match="must come before the end"):
+        list(select(open_video(video), start=2, end=1))
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
+    def peak(count: int) -> int:
+        path = write_video(tmp_path / f"{count}.mkv", (gradient(i, 160, 120) for i in range(count)))
+        tracemalloc.start()
+        for _ in open_video(path):
+            pass
+        _, highest = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return highest
+
+    assert peak(200) < peak(20) + 2 * 160 * 120 * 3
+
+
+def test_checksum_depends_on_contents_and_names(tmp_path: Path) -> None:
+    a, b = tmp_path / "a", tmp_path / "b"
+    a.write_bytes(b"abc")
+    assert checksum(a) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    before = checksum(tmp_path)
+    a.rename(b)
+    assert checksum(tmp_path) != before

@@ -1,0 +1,85 @@
+"""Videos for tests: small ones of every kind that a reader may meet, and the portrait in motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.initialization.landmark_files import write_landmarks
+from mien.synthetic import Portrait, make_sequence, moved, portrait
+
+MILLISECONDS = Fraction(1, 1000)
+
+
+def gradient(index: int, width: int = 64, height: int = 48) -> NDArray[np.uint8]:
+    """(H, W, 3) red grows to the right, green downwards, blue is the index times ten."""
+    image = np.zeros((height, width, 3), np.uint8)
+    image[..., 0] = np.linspace(0, 250, width)[None, :]
+    image[..., 1] = np.linspace(0, 250, height)[:, None]
+    image[..., 2] = 10 * index % 256
+    return image
+
+
+def write_video(
+    path: Path,
+    images: Iterable[NDArray[np.generic]],
+    *,
+    codec: str = "ffv1",
+    pix_fmt: str = "bgr0",
+    of: str = "rgb24",
+    times_ms: Sequence[int] | None = None,
+    fps: int = 25,
+    options: dict[str, str] | None = None,
+) -> Path:
+    """Encode images of the format `of`; FFV1 in Matroska or AVI keeps every bit."""
+    with av.open(str(path), "w", options=options or {}) as container:
+        stream = container.add_stream(codec, rate=fps)
+        stream.pix_fmt = pix_fmt
+        if times_ms is not None:
+            stream.codec_context.time_base = MILLISECONDS
+        for index, image in enumerate(images):
+            if index == 0:
+                stream.height, stream.width = image.shape[:2]
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format=of)
+            frame.pts, frame.time_base = (
+                (index, Fraction(1, fps)) if times_ms is None else (times_ms[index], MILLISECONDS)
+            )
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+def turn_by_metadata(path: Path) -> None:
+    """Say in an MP4's track header that it is to be shown turned clockwise by 90 degrees."""
+    content = bytearray(path.read_bytes())
+    matrix = content.index(b"tkhd") + 44
+    content[matrix : matrix + 36] = b"".join(
+        value.to_bytes(4, "big", signed=True) for value in (0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
+    )
+    path.write_bytes(content)
+
+
+@cache
+def known_portrait() -> Portrait:
+    return portrait()
+
+
+@cache
+def portrait_images(count: int = 6) -> tuple[NDArray[np.uint8], ...]:
+    """The portrait turning by one degree a frame, rendered: (240, 320, 3) each."""
+    angles = np.zeros((count, 3))
+    angles[:, 1] = np.arange(count)
+    states = moved(known_portrait(), angles, np.zeros((count, 3)), np.zeros((count, 6)))
+    return tuple(f.pixels for f in make_sequence(known_portrait(), states).frames)
+
+
+def portrait_landmarks(path: Path) -> Path:
+    """The landmarks of the first of `portrait_images`, written to `path`."""
+    write_landmarks(path, known_portrait().landmarks)
+    return path
