@@ -77,7 +77,7 @@ class PaperTracker:
         likelihood = self._likelihood(frame)
         posterior = Posterior(likelihood, GaussianPrior(self.b, self.prior_sd))
         self.b = self.simplex.minimize(posterior, self.b).b
-        if not self._in_view(frame):
+        if not in_view(self.landmarks.in_camera(self.b), self.camera, frame):
             # Nothing of the face is left in the image: go back to where it can be seen again.
             self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
             return Estimate.lost(frame, "the face left the image", self.fit.mm_per_unit)
@@ -100,12 +100,6 @@ class PaperTracker:
         reader = Reader.of(crop.sample(frame.pixels, d.blur), d)
         return AppearanceLikelihood(self.landmarks, self.camera, crop, reader, self.gaussians)
 
-    def _in_view(self, frame: Frame) -> bool:
-        X = self.landmarks.in_camera(self.b)
-        p, valid = self.camera.project(X)
-        inside = (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1)
-        return bool((inside & valid).mean() > 0.25)
-
     def _estimate(self, frame: Frame, status: Status, likelihood: AppearanceLikelihood) -> Estimate:
         R, t, animation = unpack(self.b)
         X = self.landmarks.in_camera(self.b)
@@ -115,6 +109,13 @@ class PaperTracker:
         return Estimate(
             frame.index, frame.time, status, R, t, animation, None, tracked, 1.0, self.fit.mm_per_unit
         )  # fmt: skip
+
+
+def in_view(X: Array, camera: Camera, frame: Frame) -> bool:
+    """Whether more than a quarter of the points X (n, 3) in camera axes are seen in the frame."""
+    p, valid = camera.project(X)
+    inside = (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1)
+    return bool((inside & valid).mean() > 0.25)
 
 
 def crop_size(settings: DescriptorSettings) -> int:

@@ -1,0 +1,126 @@
+"""What the CANDIDE-based trackers of Table 1 share: the first frame, the rendered views, when the face is lost."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mien.appearance.crop import Crop, Float32, blurred
+from mien.appearance.texture import texture_from_frame
+from mien.appearance.views import crop_of_face, render_view
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame, fit_first_frame
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.tracking.likelihood import LandmarkModel
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
+from mien.tracking.tracker import CROP_SIZE_UNITS, in_view
+from mien.video import Frame
+
+VERTICES = list(LANDMARK_VERTICES.values())
+PIXELS_PER_UNIT = 64.0
+"""Size of a CANDIDE unit in the crops that the trackers look at, in pixels."""
+CROP_SIZE = round(CROP_SIZE_UNITS * PIXELS_PER_UNIT)
+BLUR = 1.0
+"""Standard deviation in crop pixels of the Gaussian that frames and views are smoothed with."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where a search ended: state (12,), and how alike to the first frame's face what it found there is.
+
+    likeness is at most 1, and 1 for the very face; each tracker says by what it measures it.
+    """
+
+    b: Array
+    likeness: float
+
+
+class CandideTracker(ABC):
+    """A tracker of CANDIDE's state b, Eq. (2), that learns from the first frame and searches in every other.
+
+    A face is lost where no more than a quarter of the landmarks is in the image, or where the likeness of what
+    was found is below `least_likeness`. The search goes on from the first frame's state in the one case and
+    from the last state that was good in the other.
+    """
+
+    least_likeness: float
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """Fit the first frame and learn the appearance of its face."""
+        landmarks.check(frame.width, frame.height)
+        self.camera = camera
+        self.fit = fit_first_frame(landmarks, camera)
+        self.landmarks = LandmarkModel(self.fit.shape[VERTICES], self.fit.model.animation_units[:, VERTICES])
+        self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
+        self._was_lost = False
+        self._learn(frame)
+        return self._estimate(frame, Status.INITIALIZED)
+
+    def track(self, frame: Frame) -> Estimate:
+        """Search the face in the next frame."""
+        found = self._search(frame)
+        if not in_view(self.landmarks.in_camera(found.b), self.camera, frame):
+            self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
+            return self._lost(frame, "the face left the image")
+        if found.likeness < self.least_likeness:
+            return self._lost(
+                frame, f"nothing found that looks like the face: {found.likeness:.2f} < {self.least_likeness:g}"
+            )
+        self.b = found.b
+        self._adapt(frame)
+        status = Status.RECOVERED if self._was_lost else Status.TRACKED
+        self._was_lost = False
+        return self._estimate(frame, status)
+
+    def mesh(self, estimate: Estimate) -> Array | None:
+        """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
+        if estimate.rotation is None or estimate.translation is None:
+            return None
+        return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+
+    @abstractmethod
+    def _learn(self, frame: Frame) -> None:
+        """Learn from the first frame, to which `fit` is the fit."""
+
+    @abstractmethod
+    def _search(self, frame: Frame) -> Found:
+        """Find the state of a frame from the last one, `b`."""
+
+    def _adapt(self, frame: Frame) -> None:  # noqa: B027 (most of these trackers do not)
+        """Learn from a frame that was tracked, whose state is `b`."""
+
+    def _lost(self, frame: Frame, reason: str) -> Estimate:
+        self._was_lost = True
+        return Estimate.lost(frame, reason, self.fit.mm_per_unit)
+
+    def _estimate(self, frame: Frame, status: Status) -> Estimate:
+        R, t, animation = unpack(self.b)
+        X = self.landmarks.in_camera(self.b)
+        tracked = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X)
+        return Estimate(
+            frame.index, frame.time, status, R, t, animation, None, tracked, 1.0, self.fit.mm_per_unit
+        )  # fmt: skip
+
+
+def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
+    """The crop of the face in state b, in which it has the size that it has in the views."""
+    R, t, _ = unpack(b)
+    return crop_of_face(R, t, camera, PIXELS_PER_UNIT, CROP_SIZE, upright=upright)
+
+
+def rendered_views(
+    frame: Frame, fit: FirstFrame, camera: Camera, rotations: Sequence[Array]
+) -> Iterator[tuple[Float32, Array]]:
+    """The first frame's face turned: grey crops (size, size) and the vertices in them (V, 2)."""
+    texture = texture_from_frame(frame, fit, camera, pixels_per_unit=PIXELS_PER_UNIT)
+    background = float(frame.gray.mean())
+    vertices, triangles = fit.vertices(), fit.model.triangles
+    for R in rotations:
+        image, p = render_view(
+            vertices, triangles, texture, R, fit.t, camera, PIXELS_PER_UNIT, CROP_SIZE, background
+        )  # fmt: skip
+        yield blurred(image, BLUR), p
