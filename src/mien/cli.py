@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import signal
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -205,7 +204,7 @@ def _show_warning(
 
 @contextmanager
 def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
-    """A bar on stderr with frames per second and the state of the track."""
+    """A bar with frames per second and the state of the track, if stderr is a terminal."""
     if quiet:
         yield None
         return
@@ -219,7 +218,8 @@ def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=not sys.stderr.isatty()) as bar:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("first frame", total=None, speed="")
 
         first: list[float] = []  # when the first frame was done: finding and learning the face is no speed

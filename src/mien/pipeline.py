@@ -260,7 +260,7 @@ def metadata(
     if isinstance(tracker, FittedTracker):
         names = tracker.fit.model.shape_unit_names
         values["settings"] = tracker.settings.model_dump(mode="json")
-        values["shape_units"] = dict(zip(names, np.round(tracker.fit.sigma, 6).tolist(), strict=True))
+        values["shape_units"] = dict(zip(names, (np.round(tracker.fit.sigma, 6) + 0.0).tolist(), strict=True))
         values["fit_residual_px"] = round(tracker.fit.residual_px, 4)
         values["mm_per_unit"] = tracker.fit.mm_per_unit
     return values

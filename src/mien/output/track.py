@@ -6,7 +6,7 @@ import json
 import mmap
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -214,7 +214,8 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        with suppress(OSError):  # what a full disk has kept in the buffer is not wanted any more
+            self._file.close()
 
     def add(self, estimate: Estimate) -> None:
         """Append one row."""

@@ -1,0 +1,460 @@
+"""The command line: what it writes, and each kind of bad input through the real command."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from mien import cli
+from mien.initialization.landmark_files import write_landmarks
+from mien.initialization.landmarks import Landmarks
+from mien.output.track import Track
+from mien.tracking.state import Estimate
+from mien.tracking.tracker import PaperTracker
+from mien.video import Frame
+from videos import known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
+
+needs_mediapipe = pytest.mark.skipif(importlib.util.find_spec("mediapipe") is None, reason="needs the extra `auto`")
+TABLES = {"out.csv", "out.json", "out.parquet"}
+
+
+@dataclass(frozen=True)
+class Result:
+    status: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Result]
+
+
+@pytest.fixture
+def mien(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Run a command in the folder `tmp_path`; every file that the test made before is an input."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> Result:
+        capsys.readouterr()
+        with warnings.catch_warnings(), pytest.raises(SystemExit) as end:
+            cli.app([str(a) for a in arguments], prog_name="mien")
+        written = capsys.readouterr()
+        return Result(int(end.value.code or 0), written.out, written.err)
+
+    return run
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    return write_video(tmp_path / "in.mkv", portrait_images())
+
+
+@pytest.fixture
+def marks(tmp_path: Path) -> Path:
+    return portrait_landmarks(tmp_path / "marks.json")
+
+
+def assert_refused(result: Result, folder: Path, before: set[str], *words: str) -> None:
+    """Status 2, one sentence that holds the words, no traceback, and no new file, hidden or not."""
+    assert result.status == 2
+    lines = result.err.splitlines()
+    assert len(lines) == 1, result.err
+    for word in words:
+        assert word in lines[0]
+    assert {p.name for p in folder.iterdir()} == before
+
+
+def names(folder: Path) -> set[str]:
+    return {p.name for p in folder.iterdir()}
+
+
+@pytest.fixture
+def refused(mien: Command, tmp_path: Path) -> Callable[..., None]:
+    """Run a command that must be refused with these words."""
+
+    def check(arguments: list[object], *words: str) -> None:
+        before = names(tmp_path)
+        assert_refused(mien(*arguments), tmp_path, before, *words)
+
+    return check
+
+
+# What it writes
+
+
+def test_track_writes_the_files_and_says_where(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    result = mien("track", video, "-o", "out.csv", "--landmarks", marks, "--overlay", "over.mp4", "--plot", "plot.png")
+    assert result.status == 0
+    assert names(tmp_path) == {video.name, marks.name, "over.mp4", "plot.png", *TABLES}
+    assert [line for line in result.out.splitlines() if line.startswith("wrote")] == [
+        f"wrote {name}" for name in ("out.csv", "out.json", "out.parquet", "over.mp4", "plot.png")
+    ]
+    track = Track.read(tmp_path / "out.csv")
+    assert track.status == ["initialized"] + ["tracked"] * 5
+    np.testing.assert_allclose(track.time, np.arange(6) / 25, atol=1e-6)
+    turned = track.euler_deg[:, 1] - track.euler_deg[0, 1]
+    np.testing.assert_allclose(turned, np.arange(6), atol=2.0)
+    with av.open("over.mp4") as container:
+        assert sum(1 for _ in container.decode(video=0)) == 6
+
+
+def test_json_is_enough_to_get_the_same_numbers(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    mien("track", video, "-o", "out.csv", "--landmarks", marks, "--fov", "50", "--quiet")
+    settings = json.loads((tmp_path / "out.json").read_text())
+    assert settings["complete"] is True
+    assert settings["frames"] == 6
+    assert len(settings["video"]["sha256"]) == 64
+    assert len(settings["landmark_names"]) == 26
+    assert settings["settings"]["preset"] == "paper"
+    assert "head_height" in settings["shape_units"]
+    mien("track", video, "-o", "again.csv", "--landmarks", "out.json", "--camera", "out.json", "--quiet")
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
+
+
+def test_the_table_takes_the_videos_name(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    assert mien("track", video, "--landmarks", marks, "--quiet", "--end", "0.1").out == ""
+    assert len(Track.read(tmp_path / "in.csv")) == 3
+
+
+def test_missing_folders_are_made(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    mien("track", video, "-o", "a/b/out", "--landmarks", marks, "--quiet")
+    assert names(tmp_path / "a" / "b") == TABLES
+
+
+def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    result = mien("landmarks", video, "--landmarks", marks)
+    assert result.status == 0
+    assert "pixels (root mean square)" in result.out
+    assert names(tmp_path) == {video.name, marks.name, "in.landmarks.json", "in.landmarks.png"}
+    assert json.loads((tmp_path / "in.landmarks.json").read_text()) == json.loads(marks.read_text())
+    assert cv2.imread("in.landmarks.png").shape == (480, 640, 3)
+
+
+@needs_mediapipe
+def test_the_face_is_detected(mien: Command, video: Path, tmp_path: Path) -> None:
+    assert mien("track", video, "-o", "out.csv", "--quiet").status == 0
+    assert names(tmp_path) == {video.name, *TABLES}
+    assert json.loads((tmp_path / "out.json").read_text())["landmarks"]["scheme"] == "mediapipe478"
+
+
+def test_help_names_the_commands(mien: Command) -> None:
+    result = mien("--help")
+    assert result.status == 0
+    assert all(command in result.out for command in ("demo", "track", "landmarks"))
+
+
+def test_help_is_quick_because_it_imports_nothing_heavy() -> None:
+    code = "import sys; from mien import cli; print({'numpy', 'cv2', 'av', 'numba', 'pyarrow'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
+# Bad input: the video
+
+
+def test_not_a_video(refused: Callable[..., None], tmp_path: Path, marks: Path) -> None:
+    (tmp_path / "notes.mp4").write_text("no video\n" * 1000)
+    refused(["track", tmp_path / "notes.mp4", "--landmarks", marks], "notes.mp4", "video")
+    refused(["landmarks", tmp_path / "notes.mp4"], "notes.mp4", "video")
+    refused(["track", "missing.mp4"], "missing.mp4: no such file")
+
+
+def test_no_frame_decodes(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
+    path = write_video(tmp_path / "header.avi", portrait_images())
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"movi") + 4])
+    refused(["track", path, "--landmarks", marks], "header.avi", "no frame could be decoded", "convert it")
+
+
+def test_truncated_in_the_middle(mien: Command, marks: Path, tmp_path: Path) -> None:
+    path = write_video(tmp_path / "cut.avi", portrait_images())
+    path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
+    result = mien("track", path, "-o", "out.csv", "--landmarks", marks)
+    assert result.status == 0
+    assert "cut.avi is truncated or damaged" in result.err
+    assert "of 6 frames were decoded" in result.err
+    assert 2 <= len(Track.read(tmp_path / "out.csv")) < 6
+
+
+def test_one_frame_only(mien: Command, marks: Path, tmp_path: Path) -> None:
+    path = write_video(tmp_path / "one.mkv", portrait_images()[:1])
+    result = mien("track", path, "-o", "out.csv", "--landmarks", marks, "--overlay", "o.mp4", "--plot", "p.png")
+    assert result.status == 0
+    assert Track.read(tmp_path / "out.csv").status == ["initialized"]
+    assert {"o.mp4", "p.png"} <= names(tmp_path)
+
+
+def test_frames_of_changing_size(mien: Command, marks: Path, tmp_path: Path) -> None:
+    images = [*portrait_images()[:3], *(cv2.resize(i, (160, 120)) for i in portrait_images()[3:])]
+    path = tmp_path / "sizes.mjpeg"
+    path.write_bytes(b"".join(cv2.imencode(".jpg", i[..., ::-1])[1].tobytes() for i in images))
+    result = mien("track", path, "-o", "out.csv", "--landmarks", marks, "--overlay", "o.mp4")
+    assert result.status == 0
+    assert "sizes.mjpeg: frame 3 has 160x120 pixels and the first 320x240" in result.err
+    track = Track.read(tmp_path / "out.csv")
+    assert track.lost == 0
+    assert abs(track.euler_deg[5, 1] - track.euler_deg[0, 1] - 5) < 3
+
+
+def test_variable_frame_rate(mien: Command, marks: Path, tmp_path: Path) -> None:
+    times = [0, 10, 300, 310, 900, 950]
+    path = write_video(tmp_path / "vfr.mkv", portrait_images(), times_ms=times)
+    assert mien("track", path, "-o", "out.csv", "--landmarks", marks, "--overlay", "o.mp4").status == 0
+    np.testing.assert_allclose(Track.read(tmp_path / "out.csv").time, np.array(times) / 1000, atol=1e-6)
+
+
+def test_rotation_metadata(mien: Command, marks: Path, tmp_path: Path) -> None:
+    """A phone that was held sideways: the pictures are stored turned, and shown upright."""
+    stored = [np.rot90(i) for i in portrait_images()]
+    path = write_video(tmp_path / "phone.mp4", stored, codec="libx264", pix_fmt="yuv420p", options={"crf": "10"})
+    turn_by_metadata(path)
+    assert mien("track", path, "-o", "out.csv", "--landmarks", marks).status == 0
+    assert np.abs(Track.read(tmp_path / "out.csv").euler_deg[:, 2]).max() < 15
+
+
+@pytest.mark.parametrize("pix_fmt", ["gray", "bgra", "gray16le"])
+def test_other_kinds_of_pixels(mien: Command, marks: Path, tmp_path: Path, pix_fmt: str) -> None:
+    gray = [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in portrait_images(3)]
+    images = {
+        "gray": gray,
+        "bgra": [cv2.cvtColor(i, cv2.COLOR_RGB2BGRA) for i in portrait_images(3)],
+        "gray16le": [i.astype(np.uint16) * 257 for i in gray],
+    }[pix_fmt]
+    path = write_video(tmp_path / "in.mkv", images, pix_fmt=pix_fmt, of=pix_fmt)
+    assert mien("track", path, "-o", "out.csv", "--landmarks", marks).status == 0
+    assert Track.read(tmp_path / "out.csv").lost == 0
+
+
+# Bad input: the face
+
+
+def _detects(monkeypatch: pytest.MonkeyPatch, faces: list[Landmarks]) -> None:
+    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame: faces)
+
+
+def _faces(count: int) -> list[Landmarks]:
+    known = known_portrait().landmarks
+    return [replace(known, points=known.points + 5 * k) for k in range(count)]
+
+
+def test_no_face(refused: Callable[..., None], video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _detects(monkeypatch, [])
+    refused(["track", video], "in.mkv: no face", "--start")
+    refused(["landmarks", video], "in.mkv: no face", "--start")
+
+
+def test_several_faces(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    _detects(monkeypatch, _faces(3))
+    result = mien("track", video, "-o", "out.csv")
+    assert result.status == 0
+    assert "in.mkv: 3 faces in the frame at 0.00 s; the largest is tracked" in result.err
+    first = json.loads((tmp_path / "out.json").read_text())["landmarks"]["points"][0]
+    assert first == pytest.approx(known_portrait().landmarks.points[0].tolist(), abs=1e-3)
+
+
+@needs_mediapipe
+def test_no_face_and_two_faces_with_the_real_detector(
+    mien: Command, refused: Callable[..., None], tmp_path: Path
+) -> None:
+    gray = write_video(tmp_path / "gray.mkv", [np.full((240, 320, 3), 127, np.uint8)] * 3)
+    refused(["track", gray], "gray.mkv: no face was found in the frame at 0.00 s", "--start")
+    image = portrait_images()[0]
+    pair = np.hstack([image, cv2.resize(image, (240, 240))])
+    two = write_video(tmp_path / "two.mkv", [pair] * 2)
+    result = mien("track", two, "-o", "out.csv")
+    assert "two.mkv: 2 faces" in result.err
+    assert result.status == 0
+
+
+def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_path: Path) -> None:
+    known = known_portrait().landmarks
+    small = replace(known, points=100 + 30 * (known.points - known.points.min(axis=0)) / np.ptp(known.points, axis=0))
+    write_landmarks(tmp_path / "small.json", small)
+    refused(["track", video, "--landmarks", "small.json"], "small.json: the face measures 30 pixels", "enlarge")
+
+
+def test_detected_face_under_40_pixels(
+    refused: Callable[..., None], video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = known_portrait().landmarks
+    _detects(monkeypatch, [replace(known, points=100 + 0.1 * known.points)])
+    refused(["track", video], "in.mkv", "pixels", "enlarge or crop")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda points: points[:20], "points"),
+        (lambda points: [[None, 1.0], *points[1:]], "not a finite number"),
+        (lambda points: [[x + 400, y] for x, y in points], "outside the image of 320x240"),
+    ],
+)
+def test_landmark_file(
+    refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path, change: Callable[..., object], words: str
+) -> None:
+    values = json.loads(marks.read_text())
+    (tmp_path / "bad.json").write_text(json.dumps(values | {"depths": None, "points": change(values["points"])}))
+    refused(["track", video, "--landmarks", "bad.json"], "bad.json", words)
+    refused(["landmarks", video, "--landmarks", "bad.json"], "bad.json", words)
+
+
+def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> None:
+    result = mien("track", video, "-o", "out.csv", "--landmarks", marks, "--start", "0.1")
+    assert result.status == 0
+    assert "belongs to 0.00 s and tracking begins at 0.12 s" in result.err
+
+
+# Bad input: options
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--preset", "unknown"], "unknown tracker 'unknown'"),
+        (["--focal", "500", "--fov", "60"], "more than one way"),
+        (["--focal", "-3"], "focal length must be positive"),
+        (["--fov", "190"], "between 0 and 180"),
+        (["--camera", "missing.json"], "missing.json cannot be read"),
+        (["--camera", "marks.json"], 'marks.json needs {"focal_px"'),
+        (["--start", "9"], "no frame from 9 s"),
+        (["--start", "2", "--end", "1"], "must come before the end"),
+        (["--plot", "plot.docx"], "plot.docx: mien writes .png"),
+        (["--overlay", "over.avi"], "over.avi: mien writes .mp4"),
+        (["-o", "marks.json"], "marks.json would be written over an input"),
+    ],
+)
+def test_options(refused: Callable[..., None], video: Path, marks: Path, options: list[str], words: str) -> None:
+    refused(["track", video, "--landmarks", "marks.json", *options], words)
+
+
+def test_camera_file(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    (tmp_path / "camera.json").write_text('{"focal_px": 400, "cx": 160, "cy": 120}')
+    mien("track", video, "-o", "out.csv", "--landmarks", marks, "--camera", "camera.json")
+    camera = json.loads((tmp_path / "out.json").read_text())["camera"]
+    assert camera == {"focal_px": 400.0, "cx": 160.0, "cy": 120.0}
+
+
+# The place for the output
+
+
+def test_folder_that_cannot_be_written(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for option in ("-o", "--overlay", "--plot"):
+        name = {"-o": "out.csv", "--overlay": "out.mp4", "--plot": "out.png"}[option]
+        refused(["track", video, "--landmarks", marks, option, f"file/{name}"], f"file/{name} cannot be written")
+    refused(["landmarks", video, "--landmarks", marks, "-o", "file/out.json"], "file/out.json cannot be written")
+
+
+@contextmanager
+def _file_size_limit(size: int) -> Iterator[None]:
+    """No file of this process may grow beyond this: to a program that writes, the disk is full."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+
+
+@pytest.mark.parametrize("options", [[], ["--overlay", "over.mp4"]])
+def test_disk_full(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path, options: list[str]
+) -> None:
+    mien("track", video, "--landmarks", marks, "-o", "warm/out.csv")  # compiled kernels are cached on disk, too
+    with _file_size_limit(4096):
+        refused(["track", video, "--landmarks", marks, "-o", "out.csv", *options], "cannot be written")
+
+
+def test_disk_full_for_the_overlay_leaves_the_table(mien: Command, marks: Path, tmp_path: Path) -> None:
+    """The overlay is by far the largest file: when it does not fit, the numbers are still written."""
+    path = write_video(tmp_path / "in.mkv", portrait_images() * 8)
+    mien("track", path, "--landmarks", marks, "-o", "warm/out.csv", "--end", "0.1")
+    with _file_size_limit(120_000):
+        result = mien("track", path, "--landmarks", marks, "-o", "out.csv", "--overlay", "over.mp4")
+    assert result.status == 2
+    assert "over.mp4 cannot be written" in result.err
+    assert names(tmp_path) == {"in.mkv", marks.name, "warm", *TABLES}
+    assert json.loads((tmp_path / "out.json").read_text())["complete"] is False
+
+
+# Stopped on the way
+
+
+def _stop_at(frame: int, error: BaseException) -> Callable[[PaperTracker, Frame], Estimate]:
+    original = PaperTracker.track
+
+    def track(self: PaperTracker, image: Frame) -> Estimate:
+        if image.index == frame:
+            raise error
+        return original(self, image)
+
+    return track
+
+
+def test_interrupt_writes_what_was_tracked(
+    mien: Command, video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PaperTracker, "track", _stop_at(4, KeyboardInterrupt()))
+    result = mien("track", video, "-o", "out.csv", "--landmarks", marks, "--overlay", "over.mp4", "--plot", "plot.png")
+    assert result.status == 130
+    assert "stopped after 4 frames, which are in out.csv" in result.err
+    assert len(Track.read(tmp_path / "out.csv")) == 4
+    settings = json.loads((tmp_path / "out.json").read_text())
+    assert settings["complete"] is False
+    assert settings["stopped"] == "KeyboardInterrupt"
+    assert names(tmp_path) == {video.name, marks.name, "over.mp4", "plot.png", *TABLES}
+
+
+def test_a_crash_writes_what_was_tracked_and_goes_on(
+    video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(PaperTracker, "track", _stop_at(2, RuntimeError("a bug")))
+    with warnings.catch_warnings(), pytest.raises(RuntimeError, match="a bug"):
+        cli.app(["track", str(video), "-o", "out.csv", "--landmarks", str(marks)])
+    assert len(Track.read(tmp_path / "out.csv")) == 2
+
+
+def test_interrupt_before_the_first_frame_writes_nothing(
+    mien: Command, video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PaperTracker, "initialize", interrupted)
+    assert mien("track", video, "-o", "out.csv", "--landmarks", marks).status == 130
+    assert names(tmp_path) == {video.name, marks.name}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Path, number: int) -> None:
+    """A whole process, which sends itself the signal before the fourth frame."""
+    code = (
+        "import os\nfrom mien.cli import main\nfrom mien.tracking.tracker import PaperTracker\n"
+        "original = PaperTracker.track\n"
+        "def track(self, frame):\n"
+        f"    if frame.index == 3: os.kill(os.getpid(), {int(number)})\n"
+        "    return original(self, frame)\n"
+        "PaperTracker.track = track\nmain()\n"
+    )
+    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ | {"NO_COLOR": "1"})
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(Track.read(tmp_path / "out.csv")) == 3
