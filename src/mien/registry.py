@@ -48,6 +48,6 @@ def _module(module: str, name: str) -> ModuleType | None:
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
-        if error.name == module and not module.startswith("mien."):
+        if f"{module}.".startswith(f"{error.name}.") and not module.startswith("mien."):
             return None
         raise

@@ -70,8 +70,9 @@ class TrackTable:
 class SequenceResult:
     """One tracker on one sequence: its track and the truth, or why there is none.
 
-    settings: what the run was made with, from which a later run sees whether it may be kept; pictures: JPEG
-    images of the frames with the largest errors, by frame.
+    settings: what the run was made with, from which a later run sees whether it may be kept;
+    tracker_settings: the tracker's own; pictures: JPEG images of the frames with the largest errors, by
+    frame; meshes: (V, 2) pixels of the vertices of CANDIDE in these frames, of a tracker that has them.
     """
 
     tracker: str
@@ -79,17 +80,21 @@ class SequenceResult:
     sequence: str
     kind: str
     settings: Mapping[str, Any] = field(default_factory=dict)
+    tracker_settings: Mapping[str, Any] = field(default_factory=dict)
     failure: str = ""
     track: TrackTable | None = None
     truth: Truth | None = None
     pictures: Mapping[int, NDArray[np.uint8]] = field(default_factory=dict)
+    meshes: Mapping[int, Array] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
         """Write the result, whole or not at all."""
         meta = {k: getattr(self, k) for k in ("tracker", "dataset", "sequence", "kind", "failure")}
-        arrays: dict[str, Any] = {"meta": json.dumps({**meta, "settings": dict(self.settings)})}
+        meta |= {"settings": dict(self.settings), "tracker_settings": dict(self.tracker_settings)}
+        arrays: dict[str, Any] = {"meta": json.dumps(meta)}
         arrays |= _arrays_of("track", self.track) | _arrays_of("truth", self.truth)
         arrays |= {f"picture.{frame}": jpeg for frame, jpeg in self.pictures.items()}
+        arrays |= {f"mesh.{frame}": np.asarray(points, np.float32) for frame, points in self.meshes.items()}
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside, beside.open("wb") as f:
             np.savez_compressed(f, **arrays)
@@ -105,7 +110,8 @@ class SequenceResult:
                 **meta,
                 track=_from_arrays(TrackTable, "track", values),
                 truth=_from_arrays(Truth, "truth", values),
-                pictures={int(k.split(".")[1]): v for k, v in values.items() if k.startswith("picture.")},
+                pictures=_by_frame("picture", values),
+                meshes=_by_frame("mesh", values),
             )
         except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as e:
             raise MienError(f"{path} is not a result of this version ({e}); remove it and run it again") from e
@@ -166,6 +172,10 @@ def _from_arrays(cls: type[Any], prefix: str, values: Mapping[str, Any]) -> Any:
         if name.startswith(f"{prefix}."):
             members[name.split(".", 1)[1]] = _plain(value)
     return cls(**members) if members else None
+
+
+def _by_frame(prefix: str, values: Mapping[str, Any]) -> dict[int, Any]:
+    return {int(k.split(".")[1]): v for k, v in values.items() if k.startswith(f"{prefix}.")}
 
 
 def _plain(value: NDArray[Any]) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Sequence, Truth
@@ -19,7 +20,10 @@ from mien.evaluation.metrics import landmark_rms
 from mien.evaluation.points12 import points_of_names, points_of_scheme
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
+from mien.pipeline import FittedTracker
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Frame, open_video
 
@@ -43,7 +47,14 @@ def run_sequence(
     Raises MienError where truth and video do not fit, and whatever the tracker raises.
     """
     truth = sequence.read_truth(count_frames(sequence.video))
-    track = TrackTable.of(list(_estimates(tracker, sequence, landmarks)))
+    estimates: list[Estimate] = []
+    meshes: list[Array | None] = []
+    for frame, estimate in _estimates(tracker, sequence, landmarks):
+        if frame.index == 0:
+            _require_inside(truth, frame, sequence)
+        estimates.append(estimate)
+        meshes.append(_mesh(tracker, estimate, sequence.camera_for(frame.width, frame.height)))
+    track = TrackTable.of(estimates)
     worst = worst_frames(track, truth)
     return SequenceResult(
         name,
@@ -51,14 +62,21 @@ def run_sequence(
         sequence.name,
         sequence.kind,
         settings or {},
-        "",
-        track,
-        truth,
-        _pictures(sequence.video, worst),
+        _own_settings(tracker),
+        track=track,
+        truth=truth,
+        pictures=_pictures(sequence.video, worst),
+        meshes={i: mesh for i in worst if (mesh := meshes[i]) is not None},
     )
 
 
-def time_sequence(make_tracker: Any, sequence: Sequence, landmarks: Landmarks, name: str = "tracker") -> Timing:
+def time_sequence(
+    make_tracker: Callable[[], Tracker],
+    sequence: Sequence,
+    landmarks: Landmarks,
+    name: str = "tracker",
+    settings: Mapping[str, Any] | None = None,
+) -> Timing:
     """Seconds of each call of a tracker, without decoding, after a warm-up with a tracker of its own.
 
     make_tracker: called without arguments; the warm-up pays for what is compiled or loaded once in a process.
@@ -69,7 +87,9 @@ def time_sequence(make_tracker: Any, sequence: Sequence, landmarks: Landmarks, n
     for _ in _estimates(make_tracker(), sequence, landmarks, MAXIMUM_TIMED_FRAMES, seconds):
         pass
     require(len(seconds) > 1, f"{sequence.video} has one frame only; there is nothing to time")
-    return Timing(name, sequence.name, tuple(seconds[1:]), seconds[0], peak_memory_mb(), threads())
+    return Timing(
+        name, sequence.name, tuple(seconds[1:]), seconds[0], peak_memory_mb(), threads(), dict(settings or {})
+    )
 
 
 def count_frames(video: Path) -> int:
@@ -123,7 +143,7 @@ def _estimates(
     landmarks: Landmarks,
     frames: int | None = None,
     seconds: list[float] | None = None,
-) -> Any:
+) -> Iterator[tuple[Frame, Estimate]]:
     for frame in islice(open_video(sequence.video), frames):
         start = time.perf_counter()
         if frame.index == 0:
@@ -134,7 +154,7 @@ def _estimates(
         if seconds is not None:
             seconds.append(time.perf_counter() - start)
         _check(estimate, frame)
-        yield estimate
+        yield frame, estimate
 
 
 def _check(estimate: Estimate, frame: Frame) -> None:
@@ -148,6 +168,31 @@ def _check(estimate: Estimate, frame: Frame) -> None:
         f"frame {frame.index}: the tracker's rotation is not one, or belongs to a lost frame; "
         "every frame is either lost or has a rotation matrix",
     )
+
+
+def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:
+    """Refuse an annotation made on images of another size."""
+    points = truth.landmarks
+    if points is None or not np.isfinite(points).any():
+        return
+    high = np.nanmax(points.reshape(-1, 2), axis=0)
+    require(
+        bool(high[0] < 1.5 * frame.width and high[1] < 1.5 * frame.height),
+        f"{sequence.truth_files[0]} has points as far as {high[0]:.0f}, {high[1]:.0f} and the images have "
+        f"{frame.width}x{frame.height} pixels; the annotation was made on images of another size",
+    )
+
+
+def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:
+    """(V, 2) pixels of the mesh of a tracker that fits one."""
+    vertices = tracker.mesh(estimate) if isinstance(tracker, FittedTracker) else None
+    return None if vertices is None else camera.project(vertices)[0]
+
+
+def _own_settings(tracker: Tracker) -> dict[str, Any]:
+    """A tracker's settings as plain values."""
+    own = getattr(tracker, "settings", None)
+    return dict(own.model_dump(mode="json")) if isinstance(own, BaseModel) else {}
 
 
 def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, NDArray[np.uint8]]:

@@ -1,0 +1,229 @@
+"""Every tracker on every sequence, in processes of their own.
+
+DIR/landmarks holds the first frames, DIR/tracks/TRACKER and DIR/timing/TRACKER a file a sequence. A result is
+kept when it was made with the same settings: the same code, camera, first landmarks, video and truth, told by
+their checksums. A failure is tried again. Timings are measured after everything else, one at a time.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from hashlib import sha256
+from pathlib import Path
+
+import mien
+from mien._version import __version__
+from mien.errors import MienError, require
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence as DataSequence
+from mien.evaluation.isolate import Command, run_commands
+from mien.evaluation.job import Job
+from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays
+from mien.evaluation.results import SequenceResult, Timing
+from mien.files import checksum, require_writable
+
+DEFAULT_TIME_LIMIT = 1800.0
+"""Seconds that one tracker may take for one sequence."""
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+"""Jobs beside each other would fight for the cores, one thread always adds up in the same order, and a speed
+is that of one core. MediaPipe takes the threads that it wants all the same."""
+
+NOT_OF_A_TRACK = ("evaluation", "output", "cli.py", "demo.py", "pipeline.py", "synthetic.py")
+"""Parts of mien that a track does not depend on."""
+
+Progress = Callable[[int, int, str], None]
+"""Called with the number of jobs that are done, of jobs, and the name of what was started last."""
+
+
+def run_plan(
+    plan: Plan,
+    jobs: int = 1,
+    time_limit: float = DEFAULT_TIME_LIMIT,
+    progress: Progress = lambda done, total, name: None,
+) -> Evaluation:
+    """Run what is missing. Raises MienError where the plan cannot be begun; a failed sequence is a result."""
+    sequences = _chosen(load_dataset(plan.dataset, plan.root), plan.sequences)
+    _require_same_dataset(plan)
+    require_writable(plan.out / "evaluation.json")
+    evaluation = Evaluation(
+        plan.dataset,
+        plan.protocol,
+        plan.landmarks,
+        plan.lost_deg,
+        tuple(label(t) for t in plan.trackers),
+        tuple(s.name for s in sequences),
+        tuple(dict.fromkeys(s.kind for s in sequences)),
+        command_of(plan),
+    )
+    evaluation.save(plan.out)
+    run = partial(_run, time_limit=time_limit, progress=progress)
+    faceless = run([j for s in sequences if not Path((j := first_frame_job(plan, s)).out).exists()], jobs)
+    no_face = {job.sequence: reason for job, reason in faceless}
+    for tracker in plan.trackers:
+        for s in sequences:
+            if s.name in no_face:
+                _save_failure(track_job(plan, tracker, s), s.kind, no_face[s.name])
+    ready = [s for s in sequences if s.name not in no_face]
+    kinds = {s.name: s.kind for s in sequences}
+    tracks = [track_job(plan, t, s) for t in plan.trackers for s in ready]
+    run(
+        [job for job in tracks if not _is_kept(job)],
+        jobs,
+        on_failure=lambda job, reason: _save_failure(job, kinds[job.sequence], reason),
+    )
+    run([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1)
+    return evaluation
+
+
+def result_path(out: Path, tracker: str, sequence: str) -> Path:
+    """Where the result of a tracker (its label) on a sequence is."""
+    return out / "tracks" / _folder(tracker) / f"{sequence}.npz"
+
+
+def timing_path(out: Path, tracker: str, sequence: str) -> Path:
+    """Where the timing of a tracker (its label) on a sequence is."""
+    return out / "timing" / _folder(tracker) / f"{sequence}.json"
+
+
+def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
+    """The landmarks of a first frame; the name of their file changes with what they are made from."""
+    files = (sequence.video, *(sequence.truth_files if plan.landmarks == "truth" else ()))
+    made_from = _digest([__version__, *(checksum(f) for f in files)])[:12]
+    file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{made_from}.json"
+    return Job(
+        "landmarks", plan.dataset, str(plan.root), sequence.name, str(file), plan.landmarks, str(file), plan.focal_px
+    )
+
+
+def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
+    """A tracker on a sequence, with the settings that tell whether an old result may be kept."""
+    first = first_frame_job(plan, sequence)
+    own = f"{tracker}/{sequence.name}.csv" if replays(tracker) and _argument(tracker).is_dir() else tracker
+    name = label(tracker)
+    settings = {
+        "version": __version__,
+        "code": code_checksum(),
+        "tracker": name,
+        "input": checksum(_argument(own)) if replays(own) and _argument(own).is_file() else "",
+        "landmarks": checksum(Path(first.out)) if Path(first.out).exists() else "",
+        "video": checksum(sequence.video),
+        "truth": _digest([checksum(f) for f in sequence.truth_files]),
+        "focal_px": plan.focal_px,
+    }
+    out = result_path(plan.out, name, sequence.name)
+    return Job(
+        "track",
+        plan.dataset,
+        str(plan.root),
+        sequence.name,
+        first.out,
+        plan.landmarks,
+        str(out),
+        plan.focal_px,
+        own,
+        name,
+        settings,
+    )
+
+
+def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
+    """For each tracker the first sequences that it has tracked, as many as are to be timed."""
+    out = []
+    for tracker in plan.trackers:
+        if replays(tracker):
+            continue
+        tracked = [j for j in tracks if j.label == label(tracker) and _is_kept(j)]
+        for job in tracked[: plan.timed]:
+            file = timing_path(plan.out, job.label, job.sequence)
+            out.append(Job(**{**job.__dict__, "task": "time", "out": str(file)}))
+    return out
+
+
+@cache
+def code_checksum() -> str:
+    """SHA-256 of the parts of mien that a track depends on."""
+    root = Path(mien.__file__).parent
+    files = (p for p in sorted(root.rglob("*")) if p.is_file() and p.suffix not in (".pyc", ".nbi", ".nbc"))
+    used = [p for p in files if p.relative_to(root).parts[0] not in NOT_OF_A_TRACK]
+    return _digest([f"{p.relative_to(root)} {checksum(p)}" for p in used])
+
+
+def _run(
+    jobs: Sequence[Job],
+    at_once: int,
+    time_limit: float,
+    progress: Progress,
+    on_failure: Callable[[Job, str], None] = lambda job, reason: None,
+) -> list[tuple[Job, str]]:
+    """Run jobs; those that failed, and why."""
+    commands = [_command(job) for job in jobs]
+    failed: list[tuple[Job, str]] = []
+    started: list[str] = []
+    for job in jobs:
+        Path(job.out).parent.mkdir(parents=True, exist_ok=True)
+    if commands:
+        progress(0, len(jobs), commands[0].name)
+    ended = run_commands(commands, at_once, time_limit, started.append)
+    for done, (place, reason) in enumerate(ended, 1):
+        progress(done, len(jobs), started[-1])
+        if reason:
+            failed.append((jobs[place], reason))
+            on_failure(jobs[place], reason)
+    return failed
+
+
+def _command(job: Job) -> Command:
+    name = {"landmarks": "first frame", "track": job.label, "time": f"timing {job.label}"}[job.task]
+    arguments = (sys.executable, "-m", "mien.evaluation.job", job.to_json())
+    return Command(f"{name} · {job.sequence}", arguments, ONE_THREAD)
+
+
+def _save_failure(job: Job, kind: str, reason: str) -> None:
+    SequenceResult(job.label, job.dataset, job.sequence, kind, job.settings, failure=reason).save(Path(job.out))
+
+
+def _is_kept(job: Job) -> bool:
+    try:
+        result = SequenceResult.load(Path(job.out))
+    except MienError:
+        return False
+    return not result.failure and dict(result.settings) == dict(job.settings)
+
+
+def _is_timed(job: Job) -> bool:
+    try:
+        return dict(Timing.load(Path(job.out)).settings) == dict(job.settings)
+    except MienError:
+        return False
+
+
+def _chosen(sequences: Sequence[DataSequence], names: Sequence[str]) -> list[DataSequence]:
+    known = [s.name for s in sequences]
+    unknown = [n for n in names if n not in known]
+    require(not unknown, f"the data set has no sequence {', '.join(unknown)}; it has {', '.join(known)}")
+    return [s for s in sequences if not names or s.name in names]
+
+
+def _require_same_dataset(plan: Plan) -> None:
+    if (plan.out / "evaluation.json").exists():
+        before = Evaluation.load(plan.out).dataset
+        require(
+            before == plan.dataset,
+            f"{plan.out} holds results of the data set {before}; choose another folder for {plan.dataset}",
+        )
+
+
+def _argument(tracker: str) -> Path:
+    return Path(tracker.partition(":")[2])
+
+
+def _folder(tracker: str) -> str:
+    return re.sub(r"[^\w.-]+", "-", tracker)
+
+
+def _digest(parts: Sequence[str]) -> str:
+    return sha256("\n".join(parts).encode()).hexdigest()

@@ -1,0 +1,111 @@
+"""One piece of an evaluation, in a process of its own: `python -m mien.evaluation.job JSON`.
+
+A job finds the landmarks of a first frame, tracks a sequence, or times a tracker on it. It writes one file;
+where it cannot, it prints one sentence and ends with status 1.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mien.errors import MienError, require
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence
+from mien.evaluation.isolate import SENTENCE
+from mien.evaluation.run import count_frames, run_sequence, time_sequence
+from mien.initialization.landmark_files import read_landmarks, write_landmarks
+from mien.initialization.landmarks import Landmarks
+from mien.registry import create_tracker
+from mien.video import open_video
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to do, and where to put it.
+
+    task: `landmarks`, `track` or `time`; tracker: for `create_tracker`, label: its name in tables; landmarks:
+    the file of the first frame's landmarks; source: where they come from, `detected` or `truth`; focal_px:
+    instead of the data set's; out: the file to write.
+    """
+
+    task: str
+    dataset: str
+    root: str
+    sequence: str
+    landmarks: str
+    source: str
+    out: str
+    focal_px: float | None = None
+    tracker: str = ""
+    label: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self))
+
+
+def run(job: Job) -> None:
+    """Do it. Raises whatever goes wrong."""
+    tasks: dict[str, Callable[[Job, Sequence], None]] = {"landmarks": _find, "track": _track, "time": _time}
+    tasks[job.task](job, _sequence(job))
+
+
+def main() -> None:
+    """Run the job of the command line; a sentence and status 1 where it fails."""
+    try:
+        run(Job(**json.loads(sys.argv[1])))
+    except MienError as e:
+        sys.exit(f"{SENTENCE}{e}")
+    except Exception as e:
+        traceback.print_exc()
+        where = traceback.extract_tb(e.__traceback__)[-1]
+        sys.exit(
+            f"{SENTENCE}{type(e).__name__}: {' '.join(str(e).split())} ({Path(where.filename).name}, line "
+            f"{where.lineno})"
+        )
+
+
+def _sequence(job: Job) -> Sequence:
+    sequence = next(s for s in load_dataset(job.dataset, Path(job.root)) if s.name == job.sequence)
+    return sequence if job.focal_px is None else sequence.with_focal(job.focal_px)
+
+
+def _find(job: Job, sequence: Sequence) -> None:
+    """Landmarks of the first frame, from its truth or from the detector."""
+    if job.source == "truth":
+        truth = sequence.read_truth(count_frames(sequence.video))
+        landmarks = truth.first_landmarks(str(sequence.truth_files[0]))
+    else:
+        landmarks = _detect(sequence)
+    write_landmarks(job.out, landmarks)
+
+
+def _detect(sequence: Sequence) -> Landmarks:
+    from mien.initialization.detector import detect
+
+    faces = detect(next(iter(open_video(sequence.video))))
+    require(bool(faces), f"{sequence.video}: no face was found in the first frame; give --landmarks truth")
+    return faces[0]
+
+
+def _track(job: Job, sequence: Sequence) -> None:
+    landmarks = read_landmarks(job.landmarks)
+    tracker = create_tracker(job.tracker)
+    run_sequence(tracker, sequence, landmarks, job.label, job.dataset, job.settings).save(Path(job.out))
+
+
+def _time(job: Job, sequence: Sequence) -> None:
+    landmarks = read_landmarks(job.landmarks)
+    timing = time_sequence(partial(create_tracker, job.tracker), sequence, landmarks, job.label, job.settings)
+    timing.save(Path(job.out))
+
+
+if __name__ == "__main__":
+    main()
