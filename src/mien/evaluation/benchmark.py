@@ -56,7 +56,7 @@ def run_plan(
         plan.lost_deg,
         tuple(label(t) for t in plan.trackers),
         tuple(s.name for s in sequences),
-        tuple(dict.fromkeys(s.kind for s in sequences)),
+        tuple(s.kind for s in sequences),
         command_of(plan),
     )
     evaluation.save(plan.out)

@@ -62,7 +62,7 @@ class _Process:
     """A process whose output goes to a file."""
 
     def __init__(self, command: Command) -> None:
-        self._output: IO[bytes] = tempfile.TemporaryFile()
+        self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         self._start = time.monotonic()
         self._process = subprocess.Popen(
             list(command.arguments),

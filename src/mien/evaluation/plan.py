@@ -67,9 +67,14 @@ class Evaluation:
     lost_deg: float
     trackers: tuple[str, ...]
     sequences: tuple[str, ...]
-    kinds: tuple[str, ...]
+    kinds_of_sequences: tuple[str, ...]
     command: str
     version: str = __version__
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of sequences, each once."""
+        return tuple(dict.fromkeys(self.kinds_of_sequences))
 
     def save(self, out: Path) -> None:
         """Write it, whole or not at all."""
@@ -86,7 +91,7 @@ class Evaluation:
             members: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
             return cls(**members)
         except (ValueError, TypeError) as e:
-            raise MienError(f"{path} is not of this version of mien ({e}); evaluate again") from e
+            raise MienError(f"{path} is not of this version of mien ({e}); evaluate into another folder") from e
 
 
 def label(tracker: str) -> str:

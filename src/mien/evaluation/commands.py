@@ -1,0 +1,97 @@
+"""What `mien evaluate` and `mien report` do."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from mien.errors import MienError
+from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, Progress, run_plan
+from mien.evaluation.plan import Plan
+from mien.evaluation.protocols import DEFAULT_LOST_DEG
+from mien.evaluation.report import write_report
+from mien.evaluation.scores import Scores, load_scores
+from mien.evaluation.tables import by_kind, failures, landmarks
+
+
+def evaluate(
+    dataset: str,
+    path: Path,
+    out: Path,
+    *,
+    trackers: Sequence[str] = ("paper", "mediapipe"),
+    protocol: str = "rebased",
+    jobs: int = 1,
+    first_landmarks: str = "detected",
+    focal_px: float | None = None,
+    lost_deg: float = DEFAULT_LOST_DEG,
+    time_limit: float = DEFAULT_TIME_LIMIT,
+    sequences: Sequence[str] = (),
+    timed: int = 1,
+    quiet: bool = False,
+) -> Path:
+    """Run trackers on a data set, continue where an earlier run stopped, and write an HTML report; its path.
+
+    Raises MienError for bad input, and where no tracker has a figure for any sequence.
+    """
+    plan = Plan(
+        dataset, path, out, tuple(trackers), protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed
+    )
+    with _progress_bar(quiet) as progress:
+        run_plan(plan, jobs, time_limit, progress)
+    scores = load_scores(out)
+    written = write_report(scores, out, "html")
+    if not quiet:
+        _print_summary(scores)
+        print(f"wrote {written}")
+    failed = [s.failure for s in scores.scores if s.failure]
+    if len(failed) == len(scores.scores):
+        raise MienError(f"no tracker gave a figure for any sequence; the first reason: {failed[0]}")
+    return written
+
+
+def report(directory: Path, form: str = "markdown", protocol: str | None = None) -> Path:
+    """Write the report of a folder of results in a format, and print what was written; its path.
+
+    protocol: another than the one of the evaluation; tracks are the same in all of them. Raises MienError
+    where there are no results, or the format or the protocol does not exist.
+    """
+    written = write_report(load_scores(directory, protocol), directory, form)
+    print(f"wrote {written}")
+    return written
+
+
+def _print_summary(scores: Scores) -> None:
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+    console = Console()
+    for table in (by_kind(scores), landmarks(scores), failures(scores)):
+        if table.rows:
+            shown = RichTable(*table.columns, title=table.title, title_justify="left")
+            for row in table.rows:
+                shown.add_row(*row)
+            console.print(shown)
+    console.print(f"protocol: {scores.protocol.value}", highlight=False)
+
+
+@contextmanager
+def _progress_bar(quiet: bool) -> Iterator[Progress]:
+    """A bar on stderr with the name of what was started last."""
+    if quiet:
+        yield lambda done, total, name: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as RichProgress
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+    with RichProgress(*columns, console=Console(stderr=True), transient=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("reading the data set", total=None)
+
+        def show(done: int, total: int, name: str) -> None:
+            bar.update(task, completed=done, total=total, description=name)
+
+        yield show

@@ -1,0 +1,313 @@
+"""The figures of a report, drawn from results alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mien.candide.model import Candide
+from mien.evaluation import metrics
+from mien.evaluation.protocols import ANGLE_NAMES
+from mien.evaluation.run import frame_errors
+from mien.evaluation.scores import Score, Scores, pooled, success_rate
+from mien.files import whole_file
+from mien.geometry.rotation import Array
+
+COLOURS = ("#2c62a8", "#c1443c", "#2f7d4f", "#c98a1b", "#7a4fa3", "#3a9ca8", "#8a5a3c", "#555555")
+TRUTH_COLOUR = "#222222"
+NORMAL_90 = 1.6449
+"""Half width of the central 90 per cent of a normal distribution, in standard deviations."""
+
+SHEET_FRAMES, SHEET_COLUMNS, TILE_WIDTH = 20, 5, 320
+MESH, ESTIMATE, TRUTH = (255, 220, 120), (120, 255, 90), (60, 60, 255)  # BGR
+MAXIMUM_PANELS = 24
+
+
+def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
+    """Draw every figure that these results fill; title -> file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    makers: dict[str, tuple[str, Callable[[Scores], Figure | None]]] = {
+        "angles": ("Angles against truth, with the 90 per cent interval", angles_over_time),
+        "landmarks": ("RMS of the twelve points against the frame (Fig. 4)", landmark_rms_over_time),
+        "head-angle": ("Rotation error against the angle of the head", error_against_head_angle),
+        "success": ("P_s against the threshold", success_against_threshold),
+        "reliability": ("Reliability of the confidence", reliability_diagram),
+    }
+    out = {}
+    for name, (title, make) in makers.items():
+        figure = make(scores)
+        if figure is not None:
+            out[title] = _save(figure, folder / f"{name}.png")
+    for tracker in scores.trackers:
+        sheet = contact_sheet(scores.of(tracker))
+        if sheet is not None:
+            file = folder / f"worst-{_file_name(tracker)}.jpg"
+            with whole_file(file) as beside:
+                beside.write_bytes(cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())
+            out[f"The worst frames of {tracker}"] = file
+    return out
+
+
+def angles_over_time(scores: Scores) -> Figure | None:
+    """For each sequence the three angles of truth and trackers, with the interval where there is one."""
+    names = [n for n in scores.evaluation.sequences if _compared(scores, n)][:MAXIMUM_PANELS]
+    if not names:
+        return None
+    figure = _figure(11, 1.9 * len(names))
+    axes = figure.subplots(len(names), 3, squeeze=False, sharex="row")
+    for row, name in zip(axes, names, strict=True):
+        for k, axis in enumerate(row):
+            for i, score in enumerate(_compared(scores, name)):
+                _plot_angle(axis, score, k, COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)])
+                if i == 0:
+                    axis.plot(score.compared.truth_deg[:, k], color=TRUTH_COLOUR, linewidth=1.2, linestyle="--")
+            _tidy(axis)
+        row[0].set_ylabel(f"{name}\ndegrees", fontsize=8)
+    for k, name in enumerate(ANGLE_NAMES):
+        axes[0, k].set_title(name, fontsize=10)
+        axes[-1, k].set_xlabel("frame")
+    _legend(figure, [*scores.trackers], extra=("truth", TRUTH_COLOUR))
+    return figure
+
+
+def landmark_rms_over_time(scores: Scores) -> Figure | None:
+    """Fig. 4 of the paper: a panel a sequence."""
+    names = [n for n in scores.evaluation.sequences if _pointed(scores, n)][:MAXIMUM_PANELS]
+    if not names:
+        return None
+    columns = 3 if len(names) > 2 else 1
+    figure = _figure(11, 2.0 * -(-len(names) // columns) + 0.6)
+    axes = figure.subplots(-(-len(names) // columns), columns, squeeze=False).ravel()
+    for axis, name in zip(axes, names, strict=False):
+        for score in _pointed(scores, name):
+            rms = score.frame_rms_px
+            assert rms is not None
+            colour = COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)]
+            axis.plot(rms, color=colour, linewidth=1.0)
+        axis.set_title(name, fontsize=9)
+        axis.set_ylim(bottom=0)
+        _tidy(axis)
+    for axis in axes[len(names) :]:
+        axis.set_visible(False)
+    for axis in axes[max(0, len(names) - columns) : len(names)]:
+        axis.set_xlabel("frame")
+    for axis in axes[: len(names) : columns]:
+        axis.set_ylabel("RMS (px)")
+    _legend(figure, scores.trackers)
+    return figure
+
+
+def error_against_head_angle(scores: Scores) -> Figure | None:
+    """Median and 90th percentile of the rotation error in bins of the head's true rotation."""
+    if not any(scores.posed(t) for t in scores.trackers):
+        return None
+    figure = _figure(7, 4)
+    axis = figure.subplots()
+    for tracker, colour in zip(scores.trackers, _colours(), strict=False):
+        chosen = scores.posed(tracker)
+        if chosen:
+            turned = pooled(chosen, lambda s: _head_angle_deg(s)[s.compared.known])
+            error = pooled(chosen, lambda s: s.compared.rotation_error_deg[s.compared.known])
+            centres, median, high = _binned(turned, error)
+            axis.plot(centres, median, color=colour, marker="o", markersize=4, label=tracker)
+            axis.plot(centres, high, color=colour, linewidth=0.9, linestyle=":")
+    axis.set_xlabel("rotation of the head since the first frame (degrees)")
+    axis.set_ylabel("rotation error (degrees)\nmedian; dotted: 90th percentile")
+    axis.set_ylim(bottom=0)
+    _tidy(axis)
+    axis.legend(frameon=False)
+    return figure
+
+
+def success_against_threshold(scores: Scores) -> Figure | None:
+    """Share of frames whose root of e_i is at most the threshold."""
+    if not any(scores.posed(t) for t in scores.trackers):
+        return None
+    figure = _figure(7, 4)
+    axis = figure.subplots()
+    thresholds = np.linspace(0.5, 60, 120)
+    for tracker, colour in zip(scores.trackers, _colours(), strict=False):
+        chosen = scores.posed(tracker)
+        if chosen:
+            rates = [100 * success_rate(chosen, t) for t in thresholds]
+            axis.plot(thresholds, rates, color=colour, label=tracker)
+    axis.axvline(scores.evaluation.lost_deg, color="#999999", linestyle=":", label="threshold of the tables")
+    axis.set_xlabel("threshold on the root of e_i (degrees)")
+    axis.set_ylabel("P_s (per cent)")
+    axis.set_ylim(0, 102)
+    _tidy(axis)
+    axis.legend(frameon=False, loc="lower right")
+    return figure
+
+
+def reliability_diagram(scores: Scores) -> Figure | None:
+    """How often frames of a confidence are right to 5 degrees, and how many frames have it."""
+    if not any(scores.posed(t) for t in scores.trackers):
+        return None
+    figure = _figure(6, 5)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)
+    for tracker, colour in zip(scores.trackers, _colours(), strict=False):
+        chosen = scores.posed(tracker)
+        if chosen:
+            r = metrics.reliability(
+                pooled(chosen, lambda s: s.confidence[s.calibrated]),
+                pooled(chosen, lambda s: s.compared.rotation_error_deg[s.calibrated]),
+            )
+            above.plot(r.confidence, r.right, color=colour, marker="o", label=tracker)
+            below.stairs(r.count, r.edges, color=colour, fill=True, alpha=0.35)
+    above.set_ylabel(f"share with an error\nbelow {metrics.RIGHT_DEG:g} degrees")
+    above.set_ylim(0, 1.05)
+    below.set_ylabel("frames")
+    below.set_xlabel("confidence")
+    for axis in (above, below):
+        _tidy(axis)
+    above.legend(frameon=False, loc="upper left")
+    return figure
+
+
+def contact_sheet(scores: Sequence[Score]) -> NDArray[np.uint8] | None:
+    """The frames with the largest errors of all sequences, with mesh, landmarks (green) and truth (red): BGR."""
+    worst = sorted(_pictured(scores), key=lambda item: -item[0])[:SHEET_FRAMES]
+    if not worst:
+        return None
+    tiles = [_tile(score, frame, error) for error, score, frame in worst]
+    height = max(t.shape[0] for t in tiles)
+    tiles = [cv2.copyMakeBorder(t, 0, height - t.shape[0], 0, 0, cv2.BORDER_CONSTANT) for t in tiles]
+    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % SHEET_COLUMNS)
+    rows = [np.hstack(tiles[i : i + SHEET_COLUMNS]) for i in range(0, len(tiles), SHEET_COLUMNS)]
+    return np.asarray(np.vstack(rows), dtype=np.uint8)
+
+
+def _pictured(scores: Sequence[Score]) -> Iterator[tuple[float, Score, int]]:
+    for score in scores:
+        track, truth = score.result.track, score.result.truth
+        if track is not None and truth is not None:
+            errors = frame_errors(track, truth)
+            yield from ((float(errors[f]), score, f) for f in score.result.pictures)
+
+
+def _tile(score: Score, frame: int, error: float) -> NDArray[np.uint8]:
+    image = cv2.imdecode(score.result.pictures[frame], cv2.IMREAD_COLOR)
+    scale = TILE_WIDTH / image.shape[1]
+    image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _draw_mesh(image, score, frame, scale)
+    track, truth = score.result.track, score.result.truth
+    assert track is not None
+    assert truth is not None
+    if truth.landmarks is not None:
+        _draw_points(image, truth.landmarks[frame], scale, TRUTH)
+    _draw_points(image, track.landmarks[frame], scale, ESTIMATE)
+    unit = "deg" if score.comparison is not None else "px"
+    text = f"{score.result.sequence} {frame}: {error:.1f} {unit}{' lost' if track.lost[frame] else ''}"
+    for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(image, text, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _draw_mesh(image: NDArray[np.uint8], score: Score, frame: int, scale: float) -> None:
+    """The triangles of CANDIDE that face the camera."""
+    if frame not in score.result.meshes:
+        return
+    points = _on_tile(score.result.meshes[frame], scale)
+    for triangle in Candide.default().triangles:
+        a, b, c = points[triangle]
+        facing = (b - a)[0] * (c - a)[1] < (b - a)[1] * (c - a)[0]
+        if facing and np.isfinite([a, b, c]).all():
+            corners = np.round(np.array([a, b, c]) * 16).astype(np.int32)
+            cv2.polylines(image, [corners], True, MESH, 1, cv2.LINE_AA, 4)
+
+
+def _draw_points(image: NDArray[np.uint8], points: Array, scale: float, colour: tuple[int, int, int]) -> None:
+    for x, y in _on_tile(points, scale):
+        if np.isfinite(x + y):
+            cv2.circle(image, (round(16 * x), round(16 * y)), 26, colour, -1, cv2.LINE_AA, 4)
+
+
+def _on_tile(points: Array, scale: float) -> Array:
+    """Pixels of the frame -> pixels of the tile; the centre of a pixel is at its integer coordinates."""
+    return np.asarray((points.astype(float) + 0.5) * scale - 0.5)
+
+
+def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
+    c = score.compared
+    estimate, sd = c.estimate_deg[:, k], c.sd_deg[:, k]
+    frames = np.arange(len(estimate))
+    axis.plot(frames, np.where(c.lost, np.nan, estimate), color=colour, linewidth=1.0)
+    if np.isfinite(sd).any():
+        low, high = estimate - NORMAL_90 * sd, estimate + NORMAL_90 * sd
+        axis.fill_between(frames, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def _compared(scores: Scores, sequence: str) -> list[Score]:
+    """The scores of a sequence that have poses."""
+    return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.comparison is not None]
+
+
+def _pointed(scores: Scores, sequence: str) -> list[Score]:
+    """The scores of a sequence that have the twelve points."""
+    return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.points is not None]
+
+
+def _head_angle_deg(score: Score) -> Array:
+    """(n,) angle of the true rotation since the first frame."""
+    from scipy.spatial.transform import Rotation
+
+    truth = score.compared.truth_deg
+    order = score.protocol.order
+    columns = ["XYZ".index(axis) for axis in order]
+    out = np.full(len(truth), np.nan)
+    known = score.compared.known
+    out[known] = np.degrees(Rotation.from_euler(order, truth[known][:, columns], degrees=True).magnitude())
+    return out
+
+
+def _binned(x: Array, y: Array, width: float = 5.0) -> tuple[Array, Array, Array]:
+    """Centres of the bins that hold at least ten values, median and 90th percentile in them."""
+    which = (x // width).astype(int)
+    filled = [b for b in np.unique(which) if (which == b).sum() >= 10]
+    quantiles = np.array([np.percentile(y[which == b], (50, 90)) for b in filled]).reshape(-1, 2)
+    return (np.array(filled) + 0.5) * width, quantiles[:, 0], quantiles[:, 1]
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    with whole_file(path) as beside:
+        figure.savefig(beside, dpi=110)
+    return path
+
+
+def _tidy(axis: Axes) -> None:
+    axis.grid(alpha=0.25)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.margins(x=0.01)
+    axis.tick_params(labelsize=8)
+
+
+def _legend(figure: Figure, trackers: Sequence[str], extra: tuple[str, str] | None = None) -> None:
+    from matplotlib.lines import Line2D
+
+    entries = [Line2D([], [], color=c, label=t) for t, c in zip(trackers, _colours(), strict=False)]
+    if extra is not None:
+        entries.append(Line2D([], [], color=extra[1], linestyle="--", label=extra[0]))
+    figure.legend(handles=entries, loc="outside upper left", ncols=len(entries), frameon=False)
+
+
+def _colours() -> tuple[str, ...]:
+    return COLOURS * 4
+
+
+def _file_name(tracker: str) -> str:
+    return "".join(c if c.isalnum() or c in "-." else "-" for c in tracker)

@@ -1,0 +1,242 @@
+"""A result measured: one tracker on one sequence, and many of them together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError
+from mien.evaluation import metrics
+from mien.evaluation.benchmark import result_path, timing_path
+from mien.evaluation.plan import Evaluation
+from mien.evaluation.points12 import outer_eye_distance, points_of_names, points_of_scheme
+from mien.evaluation.protocols import Comparison, Protocol, compare, protocol_named
+from mien.evaluation.results import SequenceResult, Timing
+from mien.geometry.rotation import Array
+from mien.tracking.state import Mask
+
+
+@dataclass(frozen=True)
+class Score:
+    """One result in the measures of one protocol. `failure` says why there is none."""
+
+    result: SequenceResult
+    protocol: Protocol
+    lost_deg: float
+
+    @cached_property
+    def failure(self) -> str:
+        """Why this sequence has no figures; "" where it has."""
+        if self.result.failure or self.result.track is None:
+            return self.result.failure or "not run yet"
+        try:
+            _ = self.comparison
+        except MienError as e:
+            return str(e)
+        return ""
+
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """Truth and estimate in the protocol's angles; None where the sequence has no truth of the pose."""
+        track, truth = self.result.track, self.result.truth
+        if track is None or truth is None or not truth.has_pose:
+            return None
+        return compare(self.protocol, truth, track.rotation, track.rotation_covariance)
+
+    @property
+    def frames(self) -> int:
+        return 0 if self.result.track is None else self.result.track.frames
+
+    @property
+    def lost(self) -> int:
+        """Frames in which the tracker gave no face."""
+        return 0 if self.result.track is None else int(self.result.track.lost.sum())
+
+    @property
+    def counted(self) -> Mask:
+        """(n,) frames whose angles count."""
+        return self.compared.counted(self.lost_deg)
+
+    @property
+    def error_deg(self) -> Array:
+        """(n, 3) errors of tilt, pan and roll."""
+        return self.compared.error_deg
+
+    @property
+    def mean_errors(self) -> Array:
+        """(3,) E_tilt, E_pan, E_roll in degrees."""
+        return metrics.mean_absolute_error(self.error_deg, self.counted)
+
+    @cached_property
+    def points(self) -> tuple[Array, Array] | None:
+        """(n, 12, 2) of the estimate and of the truth; None where one of them has no such points."""
+        track, truth = self.result.track, self.result.truth
+        if track is None or truth is None or truth.landmarks is None:
+            return None
+        estimate = points_of_names(track.landmarks, track.landmark_names)
+        return None if estimate is None else (estimate, points_of_scheme(truth.landmarks, truth.landmark_scheme))
+
+    @property
+    def frame_rms_px(self) -> Array | None:
+        """(n,) RMS of the twelve points of each frame in pixels."""
+        return None if self.points is None else metrics.landmark_rms(*self.points)
+
+    @property
+    def frame_rms_without_offset_px(self) -> Array | None:
+        """(n,) the same after each point's offset of the first frame is taken off."""
+        if self.points is None:
+            return None
+        return metrics.landmark_rms(metrics.without_offset(*self.points), self.points[1])
+
+    @property
+    def eye_distance_px(self) -> float:
+        """Distance of the outer corners of the eyes in the first annotated frame: constant while the head
+        turns.
+        """
+        assert self.points is not None
+        distance = outer_eye_distance(self.points[1])
+        return float(distance[np.isfinite(distance)][0])
+
+    @property
+    def expression_moves(self) -> bool | None:
+        """Whether the truth shows expressions of the tracked units; None where it says nothing of expression."""
+        truth = self.result.truth
+        if truth is None or truth.expression is None:
+            return None
+        moves = [metrics.counterpart(u, truth.expression, truth.expression_names) for u in TRACKED_UNITS]
+        return any(m is not None and float(np.ptp(m)) > 0.05 for m in moves)
+
+    @property
+    def unit_correlations(self) -> Array:
+        """(6,) correlation of each unit with its counterpart in the truth; NaN where one of them does not
+        move.
+        """
+        track, truth = self.result.track, self.result.truth
+        out = np.full(len(TRACKED_UNITS), np.nan)
+        if track is None or truth is None or truth.expression is None:
+            return out
+        for i, unit in enumerate(TRACKED_UNITS):
+            expected = metrics.counterpart(unit, truth.expression, truth.expression_names)
+            if expected is not None:
+                out[i] = metrics.correlation(track.animation[:, i], expected)
+        return out
+
+    @property
+    def false_movement(self) -> Array:
+        """(6,) largest movement of each unit."""
+        assert self.result.track is not None
+        return metrics.false_movement(self.result.track.animation)
+
+    @property
+    def jitter_deg(self) -> float:
+        """Mean over the angles of the deviation of the second difference of the error."""
+        lost = self.compared.lost | ~self.compared.known
+        return float(metrics.jitter_deg(self.error_deg, lost).mean())
+
+    @property
+    def calibrated(self) -> Mask:
+        """(n,) frames whose intervals are judged: tracked, after the first, where the error is zero by
+        definition.
+        """
+        c = self.compared
+        return c.known & ~c.lost & (np.cumsum(c.known) > 1)
+
+    @property
+    def confidence(self) -> Array:
+        """(n,) probability that the rotation is right."""
+        assert self.result.track is not None
+        return self.result.track.confidence
+
+    @property
+    def compared(self) -> Comparison:
+        assert self.comparison is not None
+        return self.comparison
+
+
+@dataclass(frozen=True)
+class Scores:
+    """All scores of a folder of results, and its timings."""
+
+    evaluation: Evaluation
+    protocol: Protocol
+    scores: tuple[Score, ...]
+    timings: tuple[Timing, ...]
+
+    @property
+    def trackers(self) -> tuple[str, ...]:
+        return self.evaluation.trackers
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.evaluation.kinds
+
+    def of(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
+        """The scores of a tracker that have figures, of one kind or of all."""
+        return tuple(
+            s for s in self.scores if s.result.tracker == tracker and kind in (None, s.result.kind) and not s.failure
+        )
+
+    def posed(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
+        """Those of them that have truth of the pose."""
+        return tuple(s for s in self.of(tracker, kind) if s.comparison is not None)
+
+
+def load_scores(out: Path, protocol: str | None = None) -> Scores:
+    """Everything in a folder of results, in the protocol it was evaluated in or another.
+
+    Raises MienError where the folder holds no evaluation or a file is damaged.
+    """
+    evaluation = Evaluation.load(out)
+    chosen = protocol_named(protocol or evaluation.protocol)
+    scores: list[Score] = []
+    timings: list[Timing] = []
+    for tracker in evaluation.trackers:
+        for sequence, kind in zip(evaluation.sequences, evaluation.kinds_of_sequences, strict=True):
+            path = result_path(out, tracker, sequence)
+            missing = SequenceResult(tracker, evaluation.dataset, sequence, kind, failure="not run yet")
+            result = SequenceResult.load(path) if path.exists() else missing
+            scores.append(Score(result, chosen, evaluation.lost_deg))
+            timing = _timing_of(result, timing_path(out, tracker, sequence))
+            timings += [] if timing is None else [timing]
+    return Scores(evaluation, chosen, tuple(scores), tuple(timings))
+
+
+def _timing_of(result: SequenceResult, path: Path) -> Timing | None:
+    """The timing of a result, if it was made with the same settings."""
+    timing = Timing.load(path) if path.exists() else None
+    same = timing is not None and dict(timing.settings) == dict(result.settings)
+    return timing if same else None
+
+
+def pooled(scores: Sequence[Score], values: Callable[[Score], NDArray[Any]]) -> NDArray[Any]:
+    """The frames of all sequences together."""
+    parts = [values(s) for s in scores]
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def pooled_errors(scores: Sequence[Score]) -> Array:
+    """(3,) E_tilt, E_pan, E_roll over the frames of all sequences that count; NaN where there is none."""
+    if not scores:
+        return np.full(3, np.nan)
+    return metrics.mean_absolute_error(pooled(scores, lambda s: s.error_deg), pooled(scores, lambda s: s.counted))
+
+
+def spread_of_errors(scores: Sequence[Score]) -> Array:
+    """(3,) standard deviation of E_tilt, E_pan, E_roll over the sequences; NaN where there is only one."""
+    errors = np.array([s.mean_errors for s in scores])
+    return errors.std(axis=0, ddof=1) if len(errors) > 1 else np.full(3, np.nan)
+
+
+def success_rate(scores: Sequence[Score], threshold_deg: float) -> float:
+    """P_s over the frames of all sequences."""
+    if not scores:
+        return float("nan")
+    squared = pooled(scores, lambda s: s.compared.squared_error)
+    return metrics.success_rate(squared, pooled(scores, lambda s: s.compared.known), threshold_deg)
