@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mien.candide.model import Candide
 from mien.evaluation import metrics
@@ -25,7 +26,7 @@ TRUTH_COLOUR = "#222222"
 NORMAL_90 = 1.6449
 """Half width of the central 90 per cent of a normal distribution, in standard deviations."""
 
-SHEET_FRAMES, SHEET_COLUMNS, TILE_WIDTH = 20, 5, 320
+SHEET_FRAMES, SHEET_COLUMNS, TILE = 20, 5, 320
 MESH, ESTIMATE, TRUTH = (255, 220, 120), (120, 255, 90), (60, 60, 255)  # BGR
 MAXIMUM_PANELS = 24
 
@@ -179,8 +180,6 @@ def contact_sheet(scores: Sequence[Score]) -> NDArray[np.uint8] | None:
     if not worst:
         return None
     tiles = [_tile(score, frame, error) for error, score, frame in worst]
-    height = max(t.shape[0] for t in tiles)
-    tiles = [cv2.copyMakeBorder(t, 0, height - t.shape[0], 0, 0, cv2.BORDER_CONSTANT) for t in tiles]
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % SHEET_COLUMNS)
     rows = [np.hstack(tiles[i : i + SHEET_COLUMNS]) for i in range(0, len(tiles), SHEET_COLUMNS)]
     return np.asarray(np.vstack(rows), dtype=np.uint8)
@@ -195,45 +194,52 @@ def _pictured(scores: Sequence[Score]) -> Iterator[tuple[float, Score, int]]:
 
 
 def _tile(score: Score, frame: int, error: float) -> NDArray[np.uint8]:
-    image = cv2.imdecode(score.result.pictures[frame], cv2.IMREAD_COLOR)
-    scale = TILE_WIDTH / image.shape[1]
-    image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    _draw_mesh(image, score, frame, scale)
+    """A square around the face, with what was estimated and what is true."""
     track, truth = score.result.track, score.result.truth
     assert track is not None
     assert truth is not None
-    if truth.landmarks is not None:
-        _draw_points(image, truth.landmarks[frame], scale, TRUTH)
-    _draw_points(image, track.landmarks[frame], scale, ESTIMATE)
+    image = cv2.imdecode(score.result.pictures[frame], cv2.IMREAD_COLOR)
+    true_points = np.empty((0, 2)) if truth.landmarks is None else truth.landmarks[frame]
+    mesh = score.result.meshes.get(frame, np.empty((0, 2))).astype(float)
+    A = _around(np.vstack([true_points, track.landmarks[frame], mesh]), image.shape)
+    tile = cv2.warpAffine(image, A, (TILE, TILE), flags=cv2.INTER_LINEAR)
+    _draw_mesh(tile, _on_tile(mesh, A))
+    _draw_points(tile, _on_tile(true_points, A), TRUTH)
+    _draw_points(tile, _on_tile(track.landmarks[frame], A), ESTIMATE)
     unit = "deg" if score.comparison is not None else "px"
     text = f"{score.result.sequence} {frame}: {error:.1f} {unit}{' lost' if track.lost[frame] else ''}"
     for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        cv2.putText(image, text, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA)
-    return np.asarray(image, dtype=np.uint8)
+        cv2.putText(tile, text, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+    return np.asarray(tile, dtype=np.uint8)
 
 
-def _draw_mesh(image: NDArray[np.uint8], score: Score, frame: int, scale: float) -> None:
+def _around(points: Array, shape: tuple[int, ...]) -> Array:
+    """(2, 3) affine map of a square around these points, or of the whole image without any, to the tile."""
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        points = np.array([[0.0, 0.0], [shape[1], shape[0]]])
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = TILE / (1.3 * float((high - low).max()) + 1.0)
+    return np.column_stack([scale * np.eye(2), TILE / 2 - scale * (low + high) / 2])
+
+
+def _on_tile(points: Array, A: Array) -> Array:
+    """(n, 2) pixels of the frame -> pixels of the tile."""
+    return np.asarray(points @ A[:, :2].T + A[:, 2])
+
+
+def _draw_mesh(tile: NDArray[np.uint8], vertices: Array) -> None:
     """The triangles of CANDIDE that face the camera."""
-    if frame not in score.result.meshes:
-        return
-    points = _on_tile(score.result.meshes[frame], scale)
-    for triangle in Candide.default().triangles:
-        a, b, c = points[triangle]
+    for triangle in Candide.default().triangles if len(vertices) else ():
+        a, b, c = corners = vertices[triangle]
         facing = (b - a)[0] * (c - a)[1] < (b - a)[1] * (c - a)[0]
-        if facing and np.isfinite([a, b, c]).all():
-            corners = np.round(np.array([a, b, c]) * 16).astype(np.int32)
-            cv2.polylines(image, [corners], True, MESH, 1, cv2.LINE_AA, 4)
+        if facing and np.isfinite(corners).all():
+            cv2.polylines(tile, [np.round(corners * 16).astype(np.int32)], True, MESH, 1, cv2.LINE_AA, 4)
 
 
-def _draw_points(image: NDArray[np.uint8], points: Array, scale: float, colour: tuple[int, int, int]) -> None:
-    for x, y in _on_tile(points, scale):
-        if np.isfinite(x + y):
-            cv2.circle(image, (round(16 * x), round(16 * y)), 26, colour, -1, cv2.LINE_AA, 4)
-
-
-def _on_tile(points: Array, scale: float) -> Array:
-    """Pixels of the frame -> pixels of the tile; the centre of a pixel is at its integer coordinates."""
-    return np.asarray((points.astype(float) + 0.5) * scale - 0.5)
+def _draw_points(tile: NDArray[np.uint8], points: Array, colour: tuple[int, int, int]) -> None:
+    for x, y in points[np.isfinite(points).all(axis=1)]:
+        cv2.circle(tile, (round(16 * x), round(16 * y)), 42, colour, -1, cv2.LINE_AA, 4)
 
 
 def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
@@ -258,8 +264,6 @@ def _pointed(scores: Scores, sequence: str) -> list[Score]:
 
 def _head_angle_deg(score: Score) -> Array:
     """(n,) angle of the true rotation since the first frame."""
-    from scipy.spatial.transform import Rotation
-
     truth = score.compared.truth_deg
     order = score.protocol.order
     columns = ["XYZ".index(axis) for axis in order]
