@@ -170,6 +170,63 @@ def landmarks(
         _print_written([output, plot])
 
 
+@app.command()
+def evaluate(
+    dataset: Annotated[str, typer.Argument(metavar="DATASET", help="buft, talking-face, rendered or video.")],
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="Where the data set is.")],
+    out: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
+    trackers: Annotated[
+        str, typer.Option(metavar="NAMES", help="With commas between; openface:PATH reads what OpenFace wrote.")
+    ] = "paper,mediapipe",
+    protocol: Annotated[str, typer.Option(help="paper, rebased or sensor.")] = "rebased",
+    jobs: Annotated[int, typer.Option(min=1, help="Sequences that run at the same time.")] = 1,
+    landmarks: Annotated[str, typer.Option(help="Of the first frame: detected, or from the truth.")] = "detected",
+    focal: Focal = None,
+    lost: Annotated[
+        float | None, typer.Option(metavar="DEG", help="A larger error is a lost frame in the protocol paper.")
+    ] = None,
+    time_limit: Annotated[float | None, typer.Option(metavar="SECONDS", help="For one sequence.")] = None,
+    sequences: Annotated[str, typer.Option(metavar="NAMES", help="Only these, with commas between.")] = "",
+    timed: Annotated[int, typer.Option(min=0, help="On how many sequences the cost is measured.")] = 1,
+    quiet: Quiet = False,
+) -> None:
+    """Run trackers on a data set, continue where an earlier run stopped, and write the report."""
+    from mien.evaluation import commands
+
+    limits = {"lost_deg": lost, "time_limit": time_limit}
+    commands.evaluate(
+        dataset,
+        path,
+        out,
+        trackers=_names(trackers),
+        protocol=protocol,
+        jobs=jobs,
+        first_landmarks=landmarks,
+        focal_px=focal,
+        sequences=_names(sequences),
+        timed=timed,
+        quiet=quiet,
+        **{name: value for name, value in limits.items() if value is not None},
+    )
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that mien evaluate wrote.")],
+    form: Annotated[str, typer.Option("--format", help="markdown, latex, csv or html.")] = "markdown",
+    protocol: Annotated[str | None, typer.Option(help="Another than that of the evaluation.")] = None,
+) -> None:
+    """Write the tables of an evaluation again, without running anything."""
+    from mien.evaluation import commands
+
+    commands.report(directory, form, protocol)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """`a,b` -> ("a", "b")."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def _stem(video: str) -> str:
     """The name of a video's results: of the file without its ending, of the folder, or `camera-0`."""
     path = Path(video)

@@ -192,7 +192,7 @@ class Track:
     def _write_parquet(self, path: Path) -> None:
         from pyarrow import parquet
 
-        parquet.write_table(self.table, path)
+        parquet.write_table(self.table, path, row_group_size=16 * BATCH)  # more would be held in memory at once
 
 
 class Recorder:
