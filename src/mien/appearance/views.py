@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.appearance.crop import Crop, Float32
+from mien.appearance.crop import Crop, Float32, blurred
 from mien.appearance.rendering import Texture, render
+from mien.appearance.texture import texture_from_frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp
+from mien.initialization.fit import FirstFrame
+from mien.video import Frame
 
 
 def view_rotations(limit_deg: float = 30.0, step_deg: float = 10.0) -> list[Array]:
@@ -77,3 +81,24 @@ def render_view(
     posed = vertices @ R.T + t
     image = render(posed, triangles, texture, view, size, size, background).image[:, :, 0]
     return image, view.project(posed)[0]
+
+
+def rendered_views(
+    frame: Frame,
+    fit: FirstFrame,
+    camera: Camera,
+    rotations: Sequence[Array],
+    pixels_per_unit: float,
+    size: int,
+    blur: float,
+) -> Iterator[tuple[Float32, Array]]:
+    """The first frame's face in these rotations (3, 3): smoothed grey crops (size, size), vertices in them (V, 2).
+
+    blur: standard deviation of the smoothing in crop pixels.
+    """
+    texture = texture_from_frame(frame, fit, camera, pixels_per_unit=pixels_per_unit)
+    background = float(frame.gray.mean())
+    vertices, triangles = fit.vertices(), fit.model.triangles
+    for R in rotations:
+        image, p = render_view(vertices, triangles, texture, R, fit.t, camera, pixels_per_unit, size, background)
+        yield blurred(image, blur), p

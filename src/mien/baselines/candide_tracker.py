@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mien.appearance.crop import Crop, Float32, blurred
-from mien.appearance.texture import texture_from_frame
-from mien.appearance.views import crop_of_face, render_view
+from mien.appearance.crop import Crop, Float32
+from mien.appearance.views import crop_of_face, rendered_views
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -48,6 +47,8 @@ class CandideTracker(ABC):
     """
 
     least_likeness: float
+    animated = True
+    """Whether the tracker estimates the animation; otherwise it stays the first frame's."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its face."""
@@ -101,9 +102,8 @@ class CandideTracker(ABC):
         R, t, animation = unpack(self.b)
         X = self.landmarks.in_camera(self.b)
         tracked = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X)
-        return Estimate(
-            frame.index, frame.time, status, R, t, animation, None, tracked, 1.0, self.fit.mm_per_unit
-        )  # fmt: skip
+        told = animation if self.animated else None
+        return Estimate(frame.index, frame.time, status, R, t, told, None, tracked, 1.0, self.fit.mm_per_unit)
 
 
 def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
@@ -112,15 +112,8 @@ def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
     return crop_of_face(R, t, camera, PIXELS_PER_UNIT, CROP_SIZE, upright=upright)
 
 
-def rendered_views(
+def views_of_first_frame(
     frame: Frame, fit: FirstFrame, camera: Camera, rotations: Sequence[Array]
 ) -> Iterator[tuple[Float32, Array]]:
-    """The first frame's face turned: grey crops (size, size) and the vertices in them (V, 2)."""
-    texture = texture_from_frame(frame, fit, camera, pixels_per_unit=PIXELS_PER_UNIT)
-    background = float(frame.gray.mean())
-    vertices, triangles = fit.vertices(), fit.model.triangles
-    for R in rotations:
-        image, p = render_view(
-            vertices, triangles, texture, R, fit.t, camera, PIXELS_PER_UNIT, CROP_SIZE, background
-        )  # fmt: skip
-        yield blurred(image, BLUR), p
+    """The first frame's face turned: smoothed grey crops and the vertices in them (V, 2)."""
+    return rendered_views(frame, fit, camera, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)

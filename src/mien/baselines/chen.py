@@ -19,7 +19,7 @@ import numpy as np
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import view_rotations
-from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, rendered_views
+from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
 from mien.baselines.patches import read_patches
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -86,7 +86,7 @@ class ChenTracker(CandideTracker):
         self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
 
     def _learn(self, frame: Frame) -> None:
-        views = rendered_views(frame, self.fit, self.camera, view_rotations())
+        views = views_of_first_frame(frame, self.fit, self.camera, view_rotations())
         samples = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
         self.statistics = PatchStatistics.learn(np.stack(samples), VARIANCE_FLOOR)
 

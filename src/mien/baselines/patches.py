@@ -24,7 +24,7 @@ def read_patches(gray: Float32, points: Array, size: int, step: float) -> Float3
 
 def sample(gray: Float32, points: Array) -> Float32:
     """Bilinear samples (...) of an image (H, W) at points (..., 2); beyond the edge the edge repeats."""
-    at = np.nan_to_num(points).astype(np.float32).reshape(1, -1, 2)
+    at = np.nan_to_num(points).astype(np.float32).reshape(len(points), -1, 2)
     values = cv2.remap(gray, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(values, np.float32).reshape(points.shape[:-1])
 

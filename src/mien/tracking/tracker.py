@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mien.appearance.crop import Crop, Float32, blurred
+from mien.appearance.crop import Crop, Float32
 from mien.appearance.descriptors import describe, describe_with_opencv, orientation_maps
 from mien.appearance.gaussian import Gaussians
-from mien.appearance.texture import texture_from_frame
-from mien.appearance.views import crop_of_face, render_view, view_rotations
+from mien.appearance.views import crop_of_face, rendered_views, view_rotations
 from mien.config import DescriptorSettings, PaperSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -126,11 +125,6 @@ def crop_size(settings: DescriptorSettings) -> int:
 def learn_views(frame: Frame, fit: FirstFrame, camera: Camera, settings: PaperSettings) -> Float32:
     """Descriptors (views, n, 128) of the landmarks in every rendered view of the first frame's face."""
     d = settings.descriptor
-    texture = texture_from_frame(frame, fit, camera, pixels_per_unit=d.pixels_per_unit)
-    background = float(frame.gray.mean())
-    vertices, triangles, size = fit.vertices(), fit.model.triangles, crop_size(d)
-    samples = []
-    for R in view_rotations(settings.view_limit_deg, settings.view_step_deg):
-        image, p = render_view(vertices, triangles, texture, R, fit.t, camera, d.pixels_per_unit, size, background)
-        samples.append(Reader.of(blurred(image, d.blur), d)(p[VERTICES]))
-    return np.stack(samples)
+    rotations = view_rotations(settings.view_limit_deg, settings.view_step_deg)
+    views = rendered_views(frame, fit, camera, rotations, d.pixels_per_unit, crop_size(d), d.blur)
+    return np.stack([Reader.of(image, d)(p[VERTICES]) for image, p in views])

@@ -1,0 +1,219 @@
+"""S. Lefevre and J.-M. Odobez, Structure and appearance features for robust 3D facial actions tracking, ICME 2009.
+
+Two kinds of features, one error. Structure: patches around landmarks, free of brightness and contrast, whose
+statistics are learned from rendered views and never change; they keep the track from drifting. Appearance: the
+grey values at many random points of the mesh, each a Gaussian that begins at the first frame and adapts to
+every frame that was tracked; they make it accurate. The mesh reaches around the sides of the head, and the
+appearance of the points there is collected when a turned head first shows them. A dynamic term keeps the state
+near the last one; the downhill simplex finds the least error.
+
+Simplifications: the sides of the head are two flat strips that go back from the mesh's outline; a point counts
+while its surface faces the camera; what faces the camera is decided once a frame, at the last state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.appearance.crop import Crop, Float32
+from mien.appearance.views import view_rotations
+from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
+from mien.baselines.chen import PatchStatistics
+from mien.baselines.patches import read_patches, sample
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame
+from mien.tracking.likelihood import LandmarkModel
+from mien.tracking.optimizers import Simplex
+from mien.tracking.prior import GaussianPrior, state_sd
+from mien.tracking.state import Mask, unpack
+from mien.video import Frame
+
+PATCH_SIZE, PATCH_STEP = 9, 2.0
+VARIANCE_FLOOR = 2e-3
+FACE_POINTS, SIDE_POINTS = 200, 60
+"""How many random points there are on the face and on both sides of the head together."""
+SIDES = ((47, 62, 61, 63), (14, 29, 28, 30))
+"""The mesh's outline on the right and on the left of the subject, from the temple to the jaw."""
+SIDE_DEPTH = 0.7
+"""How far the sides go back from the outline, in CANDIDE units."""
+FACING_COSINE = 0.3
+"""Least cosine between a surface's normal and the view for which its points count."""
+INITIAL_SD, LEAST_SD = 12.0, 6.0
+"""Standard deviation in grey values of a point's appearance at first, and at least."""
+FORGETTING = 0.1
+STRUCTURE_WEIGHT, APPEARANCE_WEIGHT = 30.0, 30.0
+DYNAMIC_SD = state_sd(5.0, 0.15, 0.4, 0.15)
+SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.05)
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Random points of the head's surface: n points, the first of them on the face.
+
+    model: positions and units of the points; normals: (n, 3) outward, in head axes, of the first frame's face.
+    """
+
+    model: LandmarkModel
+    normals: Array
+
+    @classmethod
+    def draw(cls, fit: FirstFrame, rng: np.random.Generator) -> SurfacePoints:
+        """Points of the fitted face, and of the sides of the head, evenly by area."""
+        units = fit.model.animation_units
+        vertices, fields, sides = with_sides(fit.shape, units)
+        face, face_units, face_normals = _draw(vertices, fields, fit.model.triangles, FACE_POINTS, rng)
+        side, side_units, side_normals = _draw(vertices, fields, sides, SIDE_POINTS, rng)
+        model = LandmarkModel(np.vstack([face, side]), np.concatenate([face_units, side_units], axis=1))
+        return cls(model, np.vstack([face_normals, side_normals]))
+
+    def facing(self, b: Array) -> Mask:
+        """Which points (n,) face the camera in state b."""
+        X = self.model.in_camera(b)
+        view = -X / np.linalg.norm(X, axis=1, keepdims=True)
+        return np.asarray(((self.normals @ unpack(b)[0].T) * view).sum(axis=1) > FACING_COSINE)
+
+
+def with_sides(shape: Array, units: Array) -> tuple[Array, Array, NDArray[np.intp]]:
+    """The vertices (V, 3) and units (6, V, 3) with the sides' far edges behind them, and the sides' triangles."""
+    triangles, first = [], len(shape)
+    edges = [v for side in SIDES for v in side]
+    far = shape[edges] - np.array([0.0, 0.0, SIDE_DEPTH])
+    for k, (side, outward) in enumerate(zip(SIDES, (False, True), strict=True)):
+        start = first + k * len(side)
+        for i in range(len(side) - 1):
+            a, b, c, d = side[i], side[i + 1], start + i, start + i + 1
+            triangles += [(a, b, c), (b, d, c)] if outward else [(a, c, b), (b, c, d)]
+    still = np.zeros((len(units), len(edges), 3))
+    return np.vstack([shape, far]), np.concatenate([units, still], axis=1), np.array(triangles)
+
+
+def _draw(
+    vertices: Array, units: Array, triangles: NDArray[np.intp], count: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Positions (count, 3), units (6, count, 3) and normals (count, 3) of random points of a surface."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    area = np.linalg.norm(cross, axis=1)
+    chosen = rng.choice(len(triangles), count, p=area / area.sum())
+    weights = rng.dirichlet(np.ones(3), count)
+    corners = triangles[chosen]
+    neutral = np.einsum("nk,nki->ni", weights, vertices[corners])
+    moved = np.einsum("nk,mnki->mni", weights, units[:, corners])
+    return neutral, moved, cross[chosen] / area[chosen, None]
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Gaussians of the grey values of n points: mean (n,), variance (n,), and which have been seen at all (n,)."""
+
+    mean: Float32
+    variance: Float32
+    known: Mask
+
+    @classmethod
+    def unseen(cls, count: int) -> Appearance:
+        return cls(
+            np.zeros(count, np.float32), np.full(count, INITIAL_SD**2, np.float32), np.zeros(count, dtype=bool)
+        )  # fmt: skip
+
+    def squared_distance(self, values: Float32) -> Float32:
+        """Squared distance in standard deviations (n,) of grey values (n,)."""
+        return np.asarray((values - self.mean) ** 2 / self.variance)
+
+    def adapt(self, values: Float32, seen: Mask) -> Appearance:
+        """Move towards the grey values (n,) of the points that were seen; a point seen first is what was seen."""
+        again = seen & self.known
+        innovation = (values - self.mean) ** 2
+        mean = np.where(again, (1 - FORGETTING) * self.mean + FORGETTING * values, self.mean)
+        variance = np.where(again, (1 - FORGETTING) * self.variance + FORGETTING * innovation, self.variance)
+        return Appearance(
+            np.where(seen & ~self.known, values, mean), np.maximum(variance, LEAST_SD**2), self.known | seen
+        )
+
+
+def robust(squared: Float32) -> Float32:
+    """Cauchy's function of a squared distance: what is far off counts little more."""
+    return np.asarray(np.log1p(squared))
+
+
+@dataclass(frozen=True)
+class StructureAndAppearance:
+    """The error of a state in one frame.
+
+    visible: (n,) the points of the surface that count in this frame.
+    """
+
+    landmarks: LandmarkModel
+    structure: PatchStatistics
+    points: SurfacePoints
+    appearance: Appearance
+    visible: Mask
+    prior: GaussianPrior
+    camera: Camera
+    crop: Crop
+    gray: Float32
+
+    def patches(self, b: Array) -> Float32:
+        return read_patches(self.gray, self._project(self.landmarks, b), PATCH_SIZE, PATCH_STEP)
+
+    def values(self, b: Array) -> Float32:
+        """Grey values (n,) at the points of the surface."""
+        return sample(self.gray, self._project(self.points.model, b))
+
+    def _project(self, model: LandmarkModel, b: Array) -> Array:
+        return self.crop.to_crop(self.camera.project(model.in_camera(b))[0])
+
+    def energy(self, b: Array) -> float:
+        patches = self.patches(b)
+        structure = robust(self.structure.squared_distance(patches) / patches.shape[1]).mean()
+        appearance = robust(self.appearance.squared_distance(self.values(b))[self.visible])
+        seen = appearance.mean() if appearance.size else 0.0
+        return float(STRUCTURE_WEIGHT * structure + APPEARANCE_WEIGHT * seen) + self.prior.energy(b)
+
+
+class LefevreTracker(CandideTracker):
+    """Structure and appearance features with a dynamic term (Lefevre and Odobez 2009).
+
+    The likeness is the mean correlation of the landmarks' patches with their means.
+    """
+
+    least_likeness = 0.4
+
+    def __init__(self, evaluations: int = 500, seed: int = 0) -> None:
+        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
+        self._seed = seed
+
+    def _learn(self, frame: Frame) -> None:
+        views = views_of_first_frame(frame, self.fit, self.camera, view_rotations())
+        samples = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
+        self.structure = PatchStatistics.learn(np.stack(samples), VARIANCE_FLOOR)
+        self.points = SurfacePoints.draw(self.fit, np.random.default_rng(self._seed))
+        self.appearance = Appearance.unseen(len(self.points.normals))
+        self._adapt(frame)
+
+    def _search(self, frame: Frame) -> Found:
+        problem = self._problem(frame)
+        b = self._simplex.minimize(problem, self.b).b
+        return Found(b, float(self.structure.correlation(problem.patches(b)).mean()))
+
+    def _adapt(self, frame: Frame) -> None:
+        values = self._problem(frame).values(self.b)
+        self.appearance = self.appearance.adapt(values, self.points.facing(self.b))
+
+    def _problem(self, frame: Frame) -> StructureAndAppearance:
+        crop = face_crop(self.b, self.camera)
+        return StructureAndAppearance(
+            self.landmarks,
+            self.structure,
+            self.points,
+            self.appearance,
+            self.points.facing(self.b) & self.appearance.known,
+            GaussianPrior(self.b, DYNAMIC_SD),
+            self.camera,
+            crop,
+            crop.sample(frame.pixels, BLUR),
+        )

@@ -1,0 +1,113 @@
+"""N.-T. Tran, F.-E. Ababsa, M. Charbit, J. Feldmar and others, 3D face pose tracking from monocular camera via
+sparse representation of synthesized faces, VISAPP 2013.
+
+A codebook of patches for each landmark is read from views of the first frame's face. The energy of a pose is
+how badly the patches at its landmarks are sparse combinations of their codebooks: the sum of the residuals of
+their l1-regularised representations. The downhill simplex minimises it from the last frame's pose. The
+expression is not estimated.
+
+Simplifications: the landmarks are the 26 of this package; a codebook has one patch for each of 25 views, in
+which the head is not rolled, because frames are read in a crop that rolls with the last pose; the sparse
+representations of all landmarks are one lasso with a block-diagonal dictionary, started from the solution
+before it, so that an energy differs from the exact one by the solver's tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy.sparse import block_diag
+
+from mien.appearance.crop import Crop, Float32
+from mien.appearance.views import rotation
+from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
+from mien.baselines.patches import read_patches
+from mien.errors import MienError
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.tracking.likelihood import LandmarkModel
+from mien.tracking.optimizers import Simplex
+from mien.tracking.prior import state_sd
+from mien.video import Frame
+
+NOT_INSTALLED = "the tracker 'tran-2013' needs scikit-learn: pip install 'mien[baselines]'"
+
+PATCH_SIZE, PATCH_STEP = 7, 2.5
+VIEW_ANGLES_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
+SPARSITY = 0.1
+"""Weight of the l1 norm of a patch's coefficients against half its squared residual; the patch has unit length."""
+TOLERANCE, SWEEPS = 1e-2, 1000
+"""Where coordinate descent stops: the dual gap, relative, and how often it goes through the coefficients."""
+SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.0)[:6]
+"""Standard deviations of the first simplex around the last pose."""
+
+
+class Codebook:
+    """Codebooks (n, K, D) of n landmarks, each of K patches of unit length."""
+
+    def __init__(self, patches: Float32) -> None:
+        try:
+            from sklearn.linear_model import Lasso
+        except ImportError as e:
+            raise MienError(NOT_INSTALLED) from e
+        self._dictionary = block_diag([codewords.T for codewords in patches.astype(float)]).tocsc()
+        weight = SPARSITY / self._dictionary.shape[0]  # scikit-learn divides the squared residual by its length
+        self._lasso: Any = Lasso(weight, fit_intercept=False, tol=TOLERANCE, max_iter=SWEEPS, warm_start=True)
+
+    def residuals(self, patches: Float32) -> Float32:
+        """Squared residuals (n,) of the sparse representations of patches (n, D) of unit length."""
+        from sklearn import config_context
+
+        observed = patches.astype(float).ravel()
+        with config_context(assume_finite=True, skip_parameter_validation=True):
+            self._lasso.fit(self._dictionary, observed)
+        rest = observed - self._dictionary @ self._lasso.coef_
+        return np.asarray((rest.reshape(patches.shape) ** 2).sum(axis=1))
+
+
+@dataclass(frozen=True)
+class SparseEnergy:
+    """The energy of a pose (6,) in one frame, the animation given: (6,)."""
+
+    landmarks: LandmarkModel
+    animation: Array
+    camera: Camera
+    crop: Crop
+    gray: Float32
+    codebook: Codebook
+
+    def residuals(self, pose: Array) -> Float32:
+        p, _ = self.camera.project(self.landmarks.in_camera(np.concatenate([pose, self.animation])))
+        return self.codebook.residuals(read_patches(self.gray, self.crop.to_crop(p), PATCH_SIZE, PATCH_STEP))
+
+    def energy(self, pose: Array) -> float:
+        return float(self.residuals(pose).sum())
+
+
+class Tran2013Tracker(CandideTracker):
+    """Residuals of sparse representations in codebooks of rendered patches (Tran and others 2013).
+
+    The likeness is one less the mean residual of the patches, which have unit length.
+    """
+
+    least_likeness = 0.4
+    animated = False
+
+    def __init__(self, evaluations: int = 200, seed: int = 0) -> None:
+        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
+
+    def _learn(self, frame: Frame) -> None:
+        rotations = [rotation(*np.radians([*angles, 0.0])) for angles in product(VIEW_ANGLES_DEG, VIEW_ANGLES_DEG)]
+        views = views_of_first_frame(frame, self.fit, self.camera, rotations)
+        patches = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
+        self.codebook = Codebook(np.stack(patches, axis=1))
+
+    def _search(self, frame: Frame) -> Found:
+        crop = face_crop(self.b, self.camera, upright=False)
+        gray = crop.sample(frame.pixels, BLUR)
+        problem = SparseEnergy(self.landmarks, self.fit.animation, self.camera, crop, gray, self.codebook)
+        found = self._simplex.minimize(problem, self.b[:6])
+        return Found(np.concatenate([found.b, self.fit.animation]), 1 - found.energy / len(VERTICES))
