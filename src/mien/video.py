@@ -7,6 +7,7 @@ scaled into it without distortion, with black borders and a warning. Frames are 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -103,8 +104,9 @@ def expected_count(video: Video, start: float | None = None, end: float | None =
     """How many frames `select` will give, about; None where nothing says so."""
     if video.frame_count is None:
         return None
-    stop = video.frame_count if end is None else min(video.frame_count, round(end * video.fps))
-    return max(stop - round((start or 0.0) * video.fps), 1)
+    first = 0 if start is None else math.ceil(start * video.fps - 1e-6)
+    behind = video.frame_count if end is None else math.ceil(end * video.fps - 1e-6)
+    return max(min(behind, video.frame_count) - first, 1)
 
 
 @dataclass(frozen=True)

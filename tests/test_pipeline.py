@@ -1,0 +1,147 @@
+"""The pipeline from Python, with a tracker that does next to nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import mien
+from mien import pipeline
+from mien.errors import MienError, MienWarning
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.state import Estimate, Status
+from mien.video import Frame
+from videos import known_portrait, portrait_images, write_video
+
+
+class StillTracker:
+    """Says that the face looks into the camera; loses it in the frames whose index is in `lost`."""
+
+    lost: tuple[int, ...] = ()
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        self.landmarks, self.camera = landmarks, camera
+        return self._estimate(frame, Status.INITIALIZED)
+
+    def track(self, frame: Frame) -> Estimate:
+        if frame.index in self.lost:
+            return Estimate.lost(frame, "it was told to")
+        return self._estimate(frame, Status.TRACKED)
+
+    def _estimate(self, frame: Frame, status: Status) -> Estimate:
+        return Estimate(frame.index, frame.time, status, FACING, np.array([0.0, 0.0, 9.0]), confidence=0.5)
+
+
+@pytest.fixture
+def tracker(monkeypatch: pytest.MonkeyPatch) -> StillTracker:
+    tracker = StillTracker()
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: tracker)
+    return tracker
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for index, image in enumerate(portrait_images()):
+        cv2.imwrite(str(folder / f"{index:03}.png"), image[..., ::-1])
+    return folder
+
+
+def test_run_gives_each_frame_with_its_estimate() -> None:
+    frames = [Frame(image, i, i / 25) for i, image in enumerate(portrait_images(3))]
+    known = known_portrait()
+    pairs = list(pipeline.run(StillTracker(), iter(frames), known.landmarks, known.camera))
+    assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == [0, 1, 2]
+    assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, Status.TRACKED, Status.TRACKED]
+
+
+def test_a_folder_of_images_gives_a_row_for_each_frame(tracker: StillTracker, folder: Path) -> None:
+    tracker.lost = (2,)
+    track = mien.track(folder, landmarks=known_portrait().landmarks)
+    assert track.status == ["initialized", "tracked", "lost", "tracked", "tracked", "tracked"]
+    np.testing.assert_allclose(track.time, np.arange(6) / 25, atol=1e-6)
+    assert track.metadata["video"]["width"] == 320
+    assert "settings" not in track.metadata
+
+
+def test_progress_hears_of_every_frame(tracker: StillTracker, folder: Path) -> None:
+    heard: list[tuple[int, int | None]] = []
+    mien.track(
+        folder, landmarks=known_portrait().landmarks, end=0.1, progress=lambda e, total: heard.append((e.index, total))
+    )
+    assert [index for index, _ in heard] == [0, 1, 2]
+    assert {total for _, total in heard} == {3}
+
+
+def test_an_overlay_is_drawn_for_trackers_without_a_mesh(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
+    mien.track(folder, landmarks=known_portrait().landmarks, overlay=tmp_path / "o.mp4", plot=tmp_path / "p.svg")
+    assert (tmp_path / "o.mp4").stat().st_size > 0
+    assert (tmp_path / "p.svg").stat().st_size > 0
+
+
+def test_landmarks_are_those_of_the_file_to_the_last_digit(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
+    """Detected landmarks are rounded before they are used, so that a run from NAME.json is the same run."""
+    known = known_portrait().landmarks
+    noisy = Landmarks(known.points + 1 / 3, known.scheme, None, source="test")
+    mien.track(folder, landmarks=noisy, save=tmp_path / "out")
+    used = tracker.landmarks.points
+    mien.track(folder, landmarks=tmp_path / "out.json", save=tmp_path / "again")
+    np.testing.assert_array_equal(tracker.landmarks.points, used)
+
+
+def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker, folder: Path) -> None:
+    with pytest.warns(MienWarning, match=r"belongs to 0\.00 s and tracking begins at 0\.12 s; --start 0\.00"):
+        track = mien.track(folder, landmarks=known_portrait().landmarks, start=0.1)
+    assert track.index.tolist() == [3, 4, 5]
+
+
+def test_camera_is_given_in_one_of_three_ways(tmp_path: Path) -> None:
+    frame = Frame(np.zeros((240, 320, 3), np.uint8))
+    assert pipeline.choose_camera(frame) == Camera.from_fov(320, 240, 60)
+    assert pipeline.choose_camera(frame, fov_deg=90).focal_px == pytest.approx(160)
+    assert pipeline.choose_camera(frame, focal_px=300) == Camera(300, 159.5, 119.5)
+    assert pipeline.choose_camera(frame, Camera(1, 2, 3)) == Camera(1, 2, 3)
+    (tmp_path / "c.json").write_text('{"focal_px": 1, "cx": 2, "cy": 3}')
+    assert pipeline.choose_camera(frame, tmp_path / "c.json") == Camera(1, 2, 3)
+    with pytest.raises(MienError, match="more than one way"):
+        pipeline.choose_camera(frame, Camera(1, 2, 3), focal_px=5)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])
+def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(MienError, match=r"c\.json needs"):
+        pipeline.read_camera(tmp_path / "c.json")
+    (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
+    with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
+        pipeline.read_camera(tmp_path / "c.json")
+
+
+def test_an_error_on_the_way_keeps_the_rows_and_says_so(
+    tracker: StillTracker, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(frame: Frame) -> Estimate:
+        if frame.index == 4:
+            raise ZeroDivisionError("a bug")
+        return Estimate(frame.index, frame.time, Status.TRACKED, FACING)
+
+    monkeypatch.setattr(tracker, "track", fail)
+    with pytest.warns(MienWarning, match="stopped after 4 frames"), pytest.raises(ZeroDivisionError):
+        mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out.csv")
+    assert len(mien.Track.read(tmp_path / "out.csv")) == 4
+    assert json.loads((tmp_path / "out.json").read_text())["stopped"] == "ZeroDivisionError: a bug"
+
+
+def test_outputs_never_replace_inputs_or_each_other(tracker: StillTracker, tmp_path: Path) -> None:
+    video = write_video(tmp_path / "in.mp4", portrait_images(2), codec="libx264", pix_fmt="yuv420p")
+    before = video.read_bytes()
+    with pytest.raises(MienError, match=r"in\.mp4 would be written over an input"):
+        mien.track(video, landmarks=known_portrait().landmarks, overlay=tmp_path / "x" / ".." / "in.mp4")
+    assert video.read_bytes() == before
