@@ -324,7 +324,9 @@ def _coverage_of_buft(scores: Scores) -> str:
     """Which of the 45 sequences are there."""
     if scores.evaluation.dataset != "buft":
         return ""
-    names = scores.evaluation.sequences
+    e = scores.evaluation
+    named = zip(e.sequences, e.kinds_of_sequences, strict=True)
+    names = tuple(name for name, kind in named if kind == buft.UNIFORM)
     absent = buft.missing(names)
     present = [n for n in buft.COMPLETE if n in names]
     if not absent:

@@ -27,6 +27,7 @@ from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
 from mien.geometry.rotation import Array
 
 SUBJECTS = ("jam", "jim", "llm", "ssm", "vam")
+UNIFORM, VARYING = "uniform-light", "varying-light"
 COMPLETE = tuple(f"{subject}{number}" for subject in SUBJECTS for number in range(1, 10))
 """The 45 sequences of the uniform-light set."""
 
@@ -111,4 +112,4 @@ def _dat_of(root: Path, video: Path) -> Path | None:
 
 def _kind(root: Path, path: Path) -> str:
     folders = (root.name, *path.relative_to(root).parts[:-1])
-    return "varying-light" if any("vary" in f.lower() for f in folders) else "uniform-light"
+    return VARYING if any("vary" in f.lower() for f in folders) else UNIFORM

@@ -1,0 +1,181 @@
+"""Running, resuming, isolation: in real processes."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation import tiny
+from mien.errors import MienError
+from mien.evaluation.benchmark import result_path, run_plan, timing_path
+from mien.evaluation.isolate import Command, run_commands
+from mien.evaluation.plan import Evaluation, Plan, command_of, label
+from mien.evaluation.results import SequenceResult, Timing
+from mien.evaluation.scores import load_scores
+
+STILL, SHIFTED = "evaluation.tiny:Still", "evaluation.tiny:Shifted"
+
+
+@pytest.fixture(autouse=True)
+def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(tiny.ROOT))
+
+
+def _plan(root: Path, *trackers: str, names: tuple[str, ...] = ("a_uniform1",)) -> Plan:
+    data = tiny.rendered(root / "data", names)
+    return Plan("rendered", data, root / "out", trackers, landmarks="truth", timed=0)
+
+
+def _result(plan: Plan, tracker: str, sequence: str = "a_uniform1") -> SequenceResult:
+    return SequenceResult.load(result_path(plan.out, tracker, sequence))
+
+
+def test_everything_is_run_once_and_kept(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, STILL, names=("a_uniform1", "b_wide1"))
+    seen: list[tuple[int, int]] = []
+    run_plan(plan, progress=lambda done, total, name: seen.append((done, total)))
+    assert seen[-1] == (2, 2)
+    files = sorted(plan.out.rglob("*.npz"))
+    before = {f: f.stat().st_mtime_ns for f in files}
+    assert len(before) == 2
+
+    result_path(plan.out, STILL, "b_wide1").unlink()  # as if the run had been stopped
+    run_plan(plan)
+    after = {f: f.stat().st_mtime_ns for f in sorted(plan.out.rglob("*.npz"))}
+    assert set(after) == set(before)
+    kept = result_path(plan.out, STILL, "a_uniform1")
+    assert after[kept] == before[kept]
+    assert after != before
+
+
+def test_a_result_of_other_settings_is_made_again(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, STILL)
+    run_plan(plan)
+    run_plan(replace(plan, focal_px=400.0))
+    assert _result(plan, STILL).settings["focal_px"] == 400.0
+
+
+def test_failures_are_rows_and_stop_nothing(tmp_path: Path) -> None:
+    trackers = [f"evaluation.tiny:{name}" for name in ("Raises", "Crashes", "Hangs", "Still", "Missing")]
+    plan = _plan(tmp_path, *trackers)
+    run_plan(plan, jobs=2, time_limit=8.0)
+    reasons = {t.split(":")[1]: _result(plan, t).failure for t in trackers}
+    assert reasons["Raises"].startswith("RuntimeError: the third frame is too much (tiny.py, line")
+    assert reasons["Crashes"] == "the process crashed (SIGSEGV)"
+    assert reasons["Hangs"] == "no end within 8 s; stopped"
+    assert reasons["Still"] == ""
+    assert "unknown tracker" in reasons["Missing"]
+    scores = load_scores(plan.out)
+    assert [bool(s.failure) for s in scores.scores] == [True, True, True, False, True]
+
+
+def test_a_damaged_sequence_is_a_row(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, STILL, names=("a_uniform1", "b_wide1", "c_light1"))
+    (plan.root / "b_wide1.avi").write_bytes(b"no video at all")
+    np.savez(plan.root / "c_light1_truth.npz", R=np.full((6, 3, 3), np.nan))
+    run_plan(plan, jobs=2)
+    assert _result(plan, STILL).failure == ""
+    assert "b_wide1.avi" in _result(plan, STILL, "b_wide1").failure
+    assert "not a finite number" in _result(plan, STILL, "c_light1").failure
+
+
+def test_jobs_do_not_change_the_numbers(tmp_path: Path) -> None:
+    names = ("a_uniform1", "b_wide1")
+    one = _plan(tmp_path, STILL, SHIFTED, names=names)
+    two = replace(one, out=tmp_path / "out2", trackers=(SHIFTED, STILL))
+    run_plan(one, jobs=1)
+    run_plan(two, jobs=2)
+    for tracker in (STILL, SHIFTED):
+        for name in names:
+            a, b = _result(one, tracker, name).track, _result(two, tracker, name).track
+            assert a is not None
+            assert b is not None
+            for field in ("time", "rotation", "landmarks", "animation", "confidence"):
+                np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+def test_timings_come_from_runs_of_their_own(tmp_path: Path) -> None:
+    plan = replace(_plan(tmp_path, STILL, names=("a_uniform1", "b_wide1")), timed=1)
+    started: list[str] = []
+    run_plan(plan, jobs=2, progress=lambda done, total, name: started.append(name))
+    assert started[-1] == f"timing {STILL} · a_uniform1"
+    timing = Timing.load(timing_path(plan.out, STILL, "a_uniform1"))
+    assert timing.threads == "1"
+    assert not timing_path(plan.out, STILL, "b_wide1").exists()
+    assert load_scores(plan.out).timings == (timing,)
+
+
+def test_openface_output_beside_a_tracker(tmp_path: Path) -> None:
+    folder = tmp_path / "openface"
+    folder.mkdir()
+    rows = "\n".join(f"{i + 1}, {i / 25}, 1, 0, 0.1, 0" for i in range(tiny.FRAMES))
+    (folder / "a_uniform1.csv").write_text(f"frame, timestamp, success, pose_Rx, pose_Ry, pose_Rz\n{rows}\n")
+    plan = _plan(tmp_path, f"openface:{folder}", names=("a_uniform1", "b_wide1"))
+    run_plan(replace(plan, timed=1))
+    read = _result(plan, "openface:openface")
+    assert read.track is not None
+    assert not read.track.lost.any()
+    assert "no such file" in _result(plan, "openface:openface", "b_wide1").failure
+    assert not (plan.out / "timing").exists()
+
+
+def test_commands_in_processes() -> None:
+    def python(code: str) -> Command:
+        return Command(code, (sys.executable, "-c", code))
+
+    commands = [
+        python("pass"),
+        python("import sys; print('reason: too late'); print('noise'); sys.exit(1)"),
+        python("raise SystemExit(3)"),
+        python("import sys; sys.exit('alas')"),
+    ]
+    started: list[str] = []
+    ended = dict(run_commands(commands, 2, 60.0, started.append))
+    assert ended == {0: "", 1: "too late", 2: "the process ended with status 3", 3: "alas"}
+    assert started == [c.name for c in commands]
+    with pytest.raises(MienError, match="at least 1"):
+        list(run_commands(commands, 0, 60.0))
+
+
+def test_plans_that_are_refused(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, STILL)
+    for change, message in (
+        ({"trackers": ("papper",)}, "unknown tracker 'papper'; the trackers are realtime, paper"),
+        ({"trackers": ()}, "no tracker was named"),
+        ({"trackers": ("paper", "paper")}, "more than one tracker is called paper"),
+        ({"trackers": ("openface",)}, "openface:PATH"),
+        ({"trackers": ("openface:/no/such/folder",)}, "does not exist"),
+        ({"protocol": "best"}, "unknown protocol"),
+        ({"landmarks": "guessed"}, "detected or truth"),
+        ({"lost_deg": 0.0}, "must be positive"),
+        ({"focal_px": -1.0}, "must be positive"),
+        ({"timed": -1}, "must not be negative"),
+    ):
+        with pytest.raises(MienError, match=message):
+            replace(plan, **change)
+    with pytest.raises(MienError, match="has no sequence z1; it has a_uniform1"):
+        run_plan(replace(plan, sequences=("z1",)))
+    with pytest.raises(MienError, match="unknown data set"):
+        run_plan(replace(plan, dataset="bu"))
+
+
+def test_a_folder_holds_one_data_set(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, STILL)
+    plan.out.mkdir()
+    Evaluation("buft", "paper", "truth", 30.0, (), (), (), "").save(plan.out)
+    with pytest.raises(MienError, match="holds results of the data set buft"):
+        run_plan(plan)
+    with pytest.raises(MienError, match="holds no results"):
+        Evaluation.load(tmp_path)
+
+
+def test_labels_and_commands() -> None:
+    assert label("openface:/a/b/openface") == "openface:openface"
+    assert label("paper") == "paper"
+    plan = Plan("buft", Path("data"), Path("out"), ("paper", "mediapipe"), "paper", focal_px=450, timed=0)
+    expected = "mien evaluate buft data --trackers paper,mediapipe --protocol paper --focal 450 -o out"
+    assert command_of(plan) == expected

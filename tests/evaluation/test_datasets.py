@@ -1,0 +1,261 @@
+"""A tiny data set in each layout, read by its reader, and what the readers refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation import tiny
+from evaluation.tiny import FRAMES, angles_deg, face68, head_rotations
+from mien.errors import MienError
+from mien.evaluation.datasets import buft, load_dataset
+from mien.evaluation.datasets.sequence import Truth
+from mien.evaluation.datasets.talking_face import FGNET_POINTS
+from mien.evaluation.points12 import points_of_scheme
+from mien.evaluation.pose_csv import read_pose_csv
+from mien.evaluation.protocols import Protocol, compare, truth_rotations
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
+
+
+def _truth(dataset: str, root: Path, frames: int = FRAMES) -> Truth:
+    return load_dataset(dataset, root)[0].read_truth(frames)
+
+
+# BUFT
+
+
+@pytest.mark.parametrize("columns", [6, 7])
+def test_buft_reads_six_and_seven_columns(tmp_path: Path, columns: int) -> None:
+    tiny.buft(tmp_path)
+    tiny.write_dat(tmp_path / "jam1.dat", angles_deg(), columns)
+    (sequence,) = load_dataset("buft", tmp_path)
+    assert (sequence.name, sequence.kind) == ("jam1", "uniform-light")
+    np.testing.assert_allclose(sequence.read_truth(FRAMES).angles_deg, angles_deg(), atol=1e-6)
+    assert sequence.camera_for(320, 240) == Camera(500, 159.5, 119.5)
+    assert sequence.with_focal(320).camera_for(320, 240).focal_px == 320
+
+
+def test_buft_drops_the_first_row_also_where_there_are_as_many_as_frames(tmp_path: Path) -> None:
+    truth = _truth("buft", tiny.buft(tmp_path), FRAMES + 1)
+    assert truth.angles_deg is not None
+    assert np.isnan(truth.angles_deg[0]).all()
+    np.testing.assert_allclose(truth.angles_deg[1:], angles_deg(), atol=1e-6)
+
+
+@pytest.mark.parametrize("frames", [FRAMES - 1, FRAMES + 2])
+def test_buft_refuses_any_other_length(tmp_path: Path, frames: int) -> None:
+    (sequence,) = load_dataset("buft", tiny.buft(tmp_path))
+    with pytest.raises(MienError, match=f"has 7 rows and its video {frames} frames"):
+        sequence.read_truth(frames)
+
+
+def test_buft_finds_tables_in_a_folder_of_their_own_and_both_lights(tmp_path: Path) -> None:
+    tiny.buft(tmp_path / "uniform-light", ("jam1", "vam9"))
+    tiny.buft(tmp_path / "varying-light", ("llm2",))
+    tables = tmp_path / "truth" / "uniform-light"
+    tables.mkdir(parents=True)
+    (tmp_path / "uniform-light" / "jam1.dat").rename(tables / "jam1.dat")
+    found = load_dataset("buft", tmp_path)
+    kinds = {s.name: s.kind for s in found}
+    assert kinds == {"jam1": "uniform-light", "vam9": "uniform-light", "llm2": "varying-light"}
+    assert found[0].truth_files == (tables / "jam1.dat",)
+    assert len(buft.missing(("jam1", "vam9"))) == 43
+    assert len(buft.COMPLETE) == 45
+
+
+def test_the_rule_of_buft_is_that_of_rebased() -> None:
+    """The `.dat` of a rendered sequence gives back the rotations that it was written from."""
+    angles = np.array([[0.0, 0, 0], [10, -20, 30], [-5, 40, -15]])
+    exact = Truth(3, rotations=FACING @ head_rotations(angles))
+    from_angles = truth_rotations(Protocol.REBASED, Truth(3, angles_deg=angles))
+    c = compare(Protocol.REBASED, exact, from_angles)
+    np.testing.assert_allclose(c.error_deg, 0, atol=1e-9)
+
+
+def test_buft_refuses_what_it_cannot_read(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="holds no sequence of BUFT"):
+        load_dataset("buft", tmp_path)
+    tiny.buft(tmp_path)
+    dat = tmp_path / "jam1.dat"
+    dat.write_text("1 2 3\n4 5 6\n")
+    with pytest.raises(MienError, match="2 rows of 3 columns"):
+        _truth("buft", tmp_path)
+    dat.write_text("1 2 3 4 5 six\n")
+    with pytest.raises(MienError, match="not a table of numbers"):
+        _truth("buft", tmp_path)
+    tiny.write_dat(dat, np.where(np.arange(18).reshape(6, 3) == 4, np.nan, 1.0))
+    with pytest.raises(MienError, match=r"jam1\.dat: the truth in row 2 is not a finite number"):
+        _truth("buft", tmp_path)
+    tiny.buft(tmp_path / "again")
+    with pytest.raises(MienError, match="more than one sequence named jam1"):
+        load_dataset("buft", tmp_path)
+
+
+# Rendered
+
+
+def test_rendered_reads_the_exact_truth(tmp_path: Path) -> None:
+    (sequence,) = load_dataset("rendered", tiny.rendered(tmp_path, ("b_wide12",), angles_deg()))
+    assert (sequence.name, sequence.kind) == ("b_wide12", "wide")
+    assert sequence.camera_for(320, 240) == Camera(500, 160, 120)
+    truth = sequence.read_truth(FRAMES)
+    np.testing.assert_allclose(truth.rotations, FACING @ head_rotations(angles_deg()))
+    assert truth.expression_names == ("jawOpen", "browDown_L")
+    np.testing.assert_allclose(truth.first_landmarks("x").points, face68())
+
+
+def test_rendered_without_exact_truth_reads_the_dat(tmp_path: Path) -> None:
+    tiny.rendered(tmp_path)
+    (tmp_path / "a_uniform1_truth.npz").unlink()
+    tiny.write_dat(tmp_path / "a_uniform1.dat", angles_deg())
+    np.testing.assert_allclose(_truth("rendered", tmp_path).angles_deg, angles_deg(), atol=1e-6)
+
+
+def test_rendered_refuses_what_it_cannot_read(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="holds no rendered sequence"):
+        load_dataset("rendered", tmp_path)
+    tiny.rendered(tmp_path)
+    with pytest.raises(MienError, match="describes 6 frames and its video has 5"):
+        _truth("rendered", tmp_path, 5)
+    exact = tmp_path / "a_uniform1_truth.npz"
+    R = head_rotations(angles_deg())
+    R[3, 0, 0] = np.nan
+    np.savez(exact, R=R)
+    with pytest.raises(MienError, match="the rotation in row 3 is not a finite number"):
+        _truth("rendered", tmp_path)
+    np.savez(exact, Q=R)
+    with pytest.raises(MienError, match="no rotations R"):
+        _truth("rendered", tmp_path)
+    exact.write_text("no archive")
+    with pytest.raises(MienError, match="not an npz file"):
+        _truth("rendered", tmp_path)
+
+
+# Talking Face
+
+
+def _fgnet_points() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """68 points with a pupil amid the four points of each eye."""
+    points = face68()
+    points[27:31] = [[20, 15], [23, 13], [26, 15], [23, 17]]
+    points[32:36] = [[44, 15], [41, 13], [38, 15], [41, 17]]
+    points[31], points[36] = points[27:31].mean(axis=0), points[32:36].mean(axis=0)
+    return points
+
+
+@pytest.mark.parametrize("as_video", [False, True])
+def test_talking_face_of_ibug(tmp_path: Path, as_video: bool) -> None:
+    tiny.talking_face(tmp_path, face68(), tiny.pts(face68()), (0, 2, 5), as_video)
+    (sequence,) = load_dataset("talking-face", tmp_path)
+    truth = sequence.read_truth(FRAMES)
+    assert truth.landmarks is not None
+    np.testing.assert_array_equal(np.isfinite(truth.landmarks).all(axis=(1, 2)), np.isin(range(6), (0, 2, 5)))
+    np.testing.assert_allclose(truth.landmarks[2], face68(), atol=1e-3)
+    np.testing.assert_allclose(truth.first_landmarks("x").points, face68(), atol=1e-3)
+
+
+@pytest.mark.parametrize("braces", [False, True])
+def test_talking_face_of_fgnet(tmp_path: Path, braces: bool) -> None:
+    points = _fgnet_points()
+    plain = "\n".join(f"{x} {y}" for x, y in points)
+    tiny.talking_face(tmp_path, points, tiny.pts(points, origin=0.0) if braces else plain, (0, 1))
+    truth = _truth("talking-face", tmp_path)
+    assert truth.landmarks is not None
+    twelve = points_of_scheme(truth.landmarks, truth.landmark_scheme)
+    np.testing.assert_allclose(twelve[1], points[list(FGNET_POINTS)], atol=1e-3)
+    with pytest.raises(MienError, match="take them from the detector"):
+        truth.first_landmarks("x")
+
+
+def test_talking_face_refuses_what_it_cannot_read(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="holds no point file"):
+        load_dataset("talking-face", tmp_path)
+    tiny.talking_face(tmp_path, face68(), tiny.pts(face68()), (0, 3))
+    with pytest.raises(MienError, match="belongs to frame 3 and the video has 2"):
+        _truth("talking-face", tmp_path, 2)
+    (tmp_path / "franck_00003.pts").write_text("1 2\n" * 68)
+    with pytest.raises(MienError, match="another format than the first"):
+        _truth("talking-face", tmp_path)
+    (tmp_path / "franck_00003.pts").write_text(tiny.pts(face68()[:60]))
+    with pytest.raises(MienError, match="needs 68 points"):
+        _truth("talking-face", tmp_path)
+
+
+# Annotated video
+
+
+def _annotate(root: Path, header: str, rows: list[str]) -> Path:
+    tiny.video(root / "mine.mkv")
+    (root / "mine.csv").write_text("\n".join([header, *rows]) + "\n")
+    return root
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_video_with_poses_counts_frames_from_zero_or_as_openface_from_one(tmp_path: Path, first: int) -> None:
+    rows = [f"{i + first}, 1, 0.{i}, 0, 0" for i in range(FRAMES)]
+    truth = _truth("video", _annotate(tmp_path, "frame, success, pose_Rx, pose_Ry, pose_Rz", rows))
+    c = compare(Protocol.REBASED, truth, np.tile(FACING, (FRAMES, 1, 1)))
+    np.testing.assert_allclose(c.truth_deg[:, 0], np.degrees(0.1 * np.arange(FRAMES)), atol=1e-9)
+
+
+def test_a_video_with_some_frames_annotated(tmp_path: Path) -> None:
+    header = "frame," + ",".join(f"x_{i},y_{i}" for i in range(68))
+    values = ",".join(f"{x},{y}" for x, y in face68())
+    root = _annotate(tmp_path, header, [f"0,{values}", f"4,{values}"])
+    truth = _truth("video", root / "mine.mkv")
+    assert truth.landmarks is not None
+    assert not truth.has_pose
+    np.testing.assert_array_equal(np.isfinite(truth.landmarks).all(axis=(1, 2)), np.isin(range(6), (0, 4)))
+    np.testing.assert_allclose(truth.landmarks[4], face68())
+
+
+def test_a_video_without_numbers_of_frames_needs_a_row_for_each(tmp_path: Path) -> None:
+    header, row = "pose_Rx,pose_Ry,pose_Rz", "0,0,0"
+    assert _truth("video", _annotate(tmp_path, header, [row] * FRAMES)).frames == FRAMES
+    with pytest.raises(MienError, match="describes 5 frames and its video has 6"):
+        _truth("video", _annotate(tmp_path, header, [row] * 5))
+
+
+def test_annotations_that_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="holds no annotated video"):
+        load_dataset("video", tmp_path)
+    header = "frame,success,pose_Rx,pose_Ry,pose_Rz"
+    for rows, message in (
+        (["0,1,0,0,"], "the pose in row 1 is not a finite number"),
+        (["0,1,0,0,nan"], "the pose in row 1 is not a finite number"),
+        (["0,1,0,0,x"], "a cell is not a number"),
+        (["9,1,0,0,0"], "frames up to 9"),
+        (["2,1,0,0,0", "2,1,0,0,0"], "two rows for one frame"),
+        ([], "holds no row"),
+    ):
+        with pytest.raises(MienError, match=message):
+            _truth("video", _annotate(tmp_path, header, rows))
+    with pytest.raises(MienError, match="neither the columns"):
+        _truth("video", _annotate(tmp_path, "frame,tilt", ["0,1"]))
+
+
+def test_a_row_without_success_is_no_truth(tmp_path: Path) -> None:
+    root = _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", ["0,1,0,0,0", "1,0,,,"])
+    truth = _truth("video", root)
+    assert truth.rotations is not None
+    np.testing.assert_array_equal(np.isfinite(truth.rotations[:, 0, 0]), np.arange(FRAMES) == 0)
+
+
+def test_the_first_face_of_several_is_read(tmp_path: Path) -> None:
+    file = tmp_path / "two.csv"
+    file.write_text("frame,face_id,pose_Rx,pose_Ry,pose_Rz\n1,0,0.1,0,0\n1,1,0.2,0,0\n2,0,0.3,0,0\n")
+    table = read_pose_csv(file)
+    np.testing.assert_array_equal(table.index, [0, 1])
+
+
+# Names
+
+
+def test_unknown_names_and_folders(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="buft, talking-face, rendered, video"):
+        load_dataset("bu", tmp_path)
+    with pytest.raises(MienError, match="does not exist"):
+        load_dataset("buft", tmp_path / "nothing")

@@ -1,0 +1,151 @@
+"""One tracker on one sequence: what is recorded, kept and refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation import tiny
+from evaluation.tiny import FRAMES, Known, Still, angles_deg, face68, head_rotations
+from mien.errors import MienError
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence
+from mien.evaluation.protocols import Protocol
+from mien.evaluation.results import SequenceResult, Timing
+from mien.evaluation.run import frame_errors, run_sequence, time_sequence, worst_frames
+from mien.evaluation.scores import Score
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.state import Estimate, Status
+from mien.video import Frame
+
+FIRST = Landmarks(face68(), "ibug68")
+
+
+@pytest.fixture
+def sequence(tmp_path: Path) -> Sequence:
+    return load_dataset("rendered", tiny.rendered(tmp_path, angles=angles_deg()))[0]
+
+
+def _perfect() -> Known:
+    return Known(FACING @ head_rotations(angles_deg()))
+
+
+def test_a_result_is_read_as_it_was_written(sequence: Sequence, tmp_path: Path) -> None:
+    tracker = _perfect()
+    tracker.rotations[3] = np.nan
+    result = run_sequence(tracker, sequence, FIRST, "known", "rendered", {"a": 1})
+    result.save(tmp_path / "deep" / "r.npz")
+    again = SequenceResult.load(tmp_path / "deep" / "r.npz")
+    assert again.settings == {"a": 1}
+    assert again.track is not None
+    assert again.truth is not None
+    assert result.track is not None
+    assert again.track.status == ("initialized", "tracked", "tracked", "lost", "tracked", "tracked")
+    assert again.track.reasons[3] == "behind a hand"
+    assert again.truth.expression_names == ("jawOpen", "browDown_L")
+    np.testing.assert_array_equal(again.track.rotation, result.track.rotation)
+    np.testing.assert_array_equal(again.track.landmarks, result.track.landmarks)
+    assert again.track.landmark_names == result.track.landmark_names
+    np.testing.assert_array_equal(again.track.lost, np.arange(FRAMES) == 3)
+    assert set(again.pictures) == set(result.pictures)
+
+
+def test_a_failure_is_read_as_it_was_written(tmp_path: Path) -> None:
+    result = SequenceResult("t", "buft", "jam1", "uniform-light", failure="it rained")
+    result.save(tmp_path / "r.npz")
+    assert SequenceResult.load(tmp_path / "r.npz") == result
+    (tmp_path / "r.npz").write_bytes(b"PK no")
+    with pytest.raises(MienError, match="not a result"):
+        SequenceResult.load(tmp_path / "r.npz")
+
+
+def test_the_worst_frames_are_those_with_the_largest_error(sequence: Sequence) -> None:
+    tracker = _perfect()
+    tracker.rotations[2] = tracker.rotations[2] @ head_rotations(np.array([[9.0, 0, 0]]))[0]
+    tracker.rotations[4] = tracker.rotations[4] @ head_rotations(np.array([[5.0, 0, 0]]))[0]
+    result = run_sequence(tracker, sequence, FIRST)
+    assert result.track is not None
+    assert result.truth is not None
+    assert worst_frames(result.track, result.truth, 2) == (2, 4)
+    assert len(result.pictures) == FRAMES
+    np.testing.assert_allclose(frame_errors(result.track, result.truth)[[2, 4]], [9, 5], atol=1e-6)
+
+
+def test_landmark_scores(sequence: Sequence) -> None:
+    """Three pixels to the right in every frame: raw 3, without offset 0, normalised by the outer corners."""
+    result = run_sequence(tiny.Shifted(), sequence, FIRST)
+    score = Score(result, Protocol.REBASED, 30.0)
+    np.testing.assert_allclose(score.frame_rms_px, 3, atol=1e-6)
+    np.testing.assert_allclose(score.frame_rms_without_offset_px, 0, atol=1e-6)
+    assert score.eye_distance_px == pytest.approx(float(np.linalg.norm(face68()[36] - face68()[45])))
+    assert score.expression_moves is False
+    np.testing.assert_array_equal(score.false_movement, np.zeros(6))
+
+
+def test_scores_of_the_pose(sequence: Sequence) -> None:
+    score = Score(run_sequence(_perfect(), sequence, FIRST), Protocol.SENSOR, 30.0)
+    np.testing.assert_allclose(score.mean_errors, 0, atol=1e-9)
+    assert score.jitter_deg == pytest.approx(0, abs=1e-9)
+    np.testing.assert_array_equal(score.calibrated, np.arange(FRAMES) > 0)
+    still = Score(run_sequence(Still(), sequence, FIRST), Protocol.REBASED, 30.0)
+    np.testing.assert_allclose(still.mean_errors, np.abs(angles_deg()).mean(axis=0), atol=1e-9)
+
+
+def test_a_tracker_without_a_first_pose_has_no_figures(sequence: Sequence) -> None:
+    tracker = _perfect()
+    tracker.rotations[0] = np.nan
+    score = Score(run_sequence(tracker, sequence, FIRST), Protocol.REBASED, 30.0)
+    assert "no pose in the first frame" in score.failure
+
+
+class _Breaks(Still):
+    """Gives what is no estimate of a frame."""
+
+    def __init__(self, answer: object) -> None:
+        self.answer = answer
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        return self.answer  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "returned NoneType"),
+        (Estimate(0, 0.0, Status.TRACKED, rotation=2 * np.eye(3)), "rotation is not one"),
+        (Estimate(0, 0.0, Status.LOST, rotation=np.eye(3)), "belongs to a lost frame"),
+    ],
+)
+def test_a_tracker_that_breaks_the_protocol_is_not_measured(sequence: Sequence, answer: object, message: str) -> None:
+    with pytest.raises(MienError, match=message):
+        run_sequence(_Breaks(answer), sequence, FIRST)
+
+
+def test_an_annotation_of_larger_images_is_refused(sequence: Sequence) -> None:
+    truth = sequence.read_truth(FRAMES)
+    assert truth.landmarks is not None
+    large = replace(sequence, read_truth=lambda frames: replace(truth, landmarks=4 * truth.landmarks))
+    with pytest.raises(MienError, match="images of another size"):
+        run_sequence(Still(), large, FIRST)
+
+
+def test_timing(sequence: Sequence, tmp_path: Path) -> None:
+    made: list[Still] = []
+
+    def make() -> Still:
+        made.append(Still())
+        return made[-1]
+
+    timing = time_sequence(make, sequence, FIRST, "still")
+    assert len(made) == 2  # one for the warm-up
+    assert len(timing.frame_seconds) == FRAMES - 1
+    assert timing.peak_mb > 10
+    timing.save(tmp_path / "t.json")
+    assert Timing.load(tmp_path / "t.json") == timing
+    fast = replace(timing, frame_seconds=(0.1, 0.3))
+    assert fast.frames_per_second == pytest.approx(5)
