@@ -1,0 +1,103 @@
+"""What the trackers with a rigid surface share around the registration: estimates, and finding a lost head again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mien.appearance.crop import Float32
+from mien.baselines.surface import GRAZING, Pose, Surface
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import Frame
+
+OUT_OF_SIGHT = "the face left the image or turned away"
+NOT_FOUND = "the frame could not be registered with the face"
+
+LEAST_IN_SIGHT = 0.35
+"""Share of the surface that must be seen in the image: less is a head that turned or moved out of it."""
+PATCH_PIXELS_PER_UNIT = 20.0
+"""Resolution at which the first frame's face is searched for in a whole frame."""
+PATCH_UNITS = (0.5, 0.7)
+"""Half the width and half the height of the searched face, in CANDIDE units."""
+
+
+@dataclass(frozen=True)
+class RigidHead:
+    """The head of the first frame: its fit, camera and surface, and its face as a small patch to search for."""
+
+    fit: FirstFrame
+    camera: Camera
+    surface: Surface
+    patch: Float32
+
+    @classmethod
+    def of(cls, frame: Frame, fit: FirstFrame, camera: Camera, surface: Surface) -> RigidHead:
+        small, scale = _shrunk(frame, camera, fit)
+        (u, v), _ = camera.project(fit.t)
+        half = np.array(PATCH_UNITS) * camera.focal_px / fit.t[2] * scale
+        height, width = small.shape
+        x0, x1 = np.clip(np.round([u * scale - half[0], u * scale + half[0]]), 0, width).astype(int)
+        y0, y1 = np.clip(np.round([v * scale - half[1], v * scale + half[1]]), 0, height).astype(int)
+        return cls(fit, camera, surface, small[y0:y1, x0:x1])
+
+    @property
+    def first(self) -> Pose:
+        """Pose of the first frame."""
+        return Pose(self.fit.R, self.fit.t)
+
+    def relocated(self, frame: Frame) -> Pose:
+        """The first frame's pose, shifted to where the frame resembles the face most (normalised correlation)."""
+        small, scale = _shrunk(frame, self.camera, self.fit)
+        match = cv2.matchTemplate(small, self.patch, cv2.TM_CCOEFF_NORMED)
+        _, _, _, (x, y) = cv2.minMaxLoc(match)
+        centre = (np.array([x, y]) + 0.5 * (np.array(self.patch.shape[::-1]) - 1)) / scale
+        z = float(self.fit.t[2])
+        shift = (centre - [self.camera.cx, self.camera.cy]) * z / self.camera.focal_px
+        return Pose(self.fit.R, np.array([shift[0], shift[1], z]))
+
+    def in_sight(self, frame: Frame, pose: Pose) -> bool:
+        """Whether enough of the surface faces the camera and projects into the image."""
+        X, cosine = self.surface.seen(pose)
+        p, in_front = self.camera.project(X)
+        inside = (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1)
+        return bool((inside & in_front & (cosine > GRAZING)).mean() >= LEAST_IN_SIGHT)
+
+    def estimate(self, frame: Frame, status: Status, pose: Pose) -> Estimate:
+        """What the tracker says: pose and rigid landmarks. It estimates neither animation nor uncertainty."""
+        X = self.fit.vertices()[list(LANDMARK_VERTICES.values())] @ pose.R.T + pose.t
+        image, _ = self.camera.project(X)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X)
+        return Estimate(
+            frame.index,
+            frame.time,
+            status,
+            rotation=pose.R,
+            translation=pose.t,
+            landmarks=landmarks,
+            confidence=1.0,
+            mm_per_unit=self.fit.mm_per_unit,
+        )
+
+    def lost(self, frame: Frame, pose: Pose) -> Estimate:
+        """The estimate of a frame that was not registered, with the reason: the last pose tells it."""
+        reason = NOT_FOUND if self.in_sight(frame, pose) else OUT_OF_SIGHT
+        return Estimate.lost(frame, reason, self.fit.mm_per_unit)
+
+    def mesh(self, estimate: Estimate) -> Array | None:
+        """Vertices (113, 3) in camera axes of an estimate, None where it is lost."""
+        if estimate.rotation is None or estimate.translation is None:
+            return None
+        return np.asarray(self.fit.vertices() @ estimate.rotation.T + estimate.translation)
+
+
+def _shrunk(frame: Frame, camera: Camera, fit: FirstFrame) -> tuple[Float32, float]:
+    """The whole frame with a CANDIDE unit at the first distance measuring `PATCH_PIXELS_PER_UNIT`, and the scale."""
+    scale = min(PATCH_PIXELS_PER_UNIT * float(fit.t[2]) / camera.focal_px, 1.0)
+    size = (max(round(frame.width * scale), 1), max(round(frame.height * scale), 1))
+    return cv2.resize(frame.gray, size, interpolation=cv2.INTER_AREA).astype(np.float32), scale
