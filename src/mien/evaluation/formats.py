@@ -21,7 +21,7 @@ def to_markdown(table: Table) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(len(table.columns))]
     lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in rows]
     lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
-    return "\n".join([f"### {table.title}", "", table.note, "", *lines, ""])
+    return "\n".join([f"### {table.title}", "", table.caption, "", *lines, ""])
 
 
 def to_latex(table: Table) -> str:
@@ -31,7 +31,7 @@ def to_latex(table: Table) -> str:
         [
             r"\begin{table}",
             r"\centering",
-            rf"\caption{{{_latex(table.title)}. {_latex(table.note.replace('`', ''))}}}",
+            rf"\caption{{{_latex(table.title)}. {_latex(table.caption.replace('`', ''))}}}",
             rf"\label{{tab:{table.name}}}",
             rf"\begin{{tabular}}{{{'l' * len(table.columns)}}}",
             r"\hline",
@@ -51,7 +51,7 @@ def to_html(table: Table) -> str:
     head = "".join(f"<th>{html.escape(c)}</th>" for c in table.columns)
     body = "\n".join("<tr>" + "".join(_html_cell(c) for c in row) + "</tr>" for row in table.rows)
     return (
-        f'<section id="{table.name}"><h2>{html.escape(table.title)}</h2>\n<p>{_code(html.escape(table.note))}</p>\n'
+        f'<section id="{table.name}"><h2>{html.escape(table.title)}</h2>\n<p>{_code(html.escape(table.caption))}</p>\n'
         f"<table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></section>\n"
     )
 
@@ -60,11 +60,11 @@ def to_csv(tables: Iterable[Table]) -> str:
     """All tables as one, a line a cell, for any program to pivot; a cell without a value is empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(("table", "row", "tracker", "column", "value"))
+    writer.writerow(("table", "protocol", "row", "tracker", "column", "value"))
     for table in tables:
         for number, row in enumerate(table.rows):
             for column, value in _cells(table.columns, row):
-                writer.writerow((table.name, number, row[0], column, "" if value == NONE else value))
+                writer.writerow((table.name, table.protocol, number, row[0], column, "" if value == NONE else value))
     return out.getvalue()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,13 +38,21 @@ REBASED_REFERENCES = (
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text under their heads; note: what one must know to read them."""
+    """Cells as text under their heads; note: what one must know to read them; protocol: the one of all of
+    them.
+    """
 
     name: str
     title: str
     note: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    protocol: str = ""
+
+    @property
+    def caption(self) -> str:
+        """The protocol and the note."""
+        return f"Protocol: {self.protocol}. {self.note}" if self.protocol else self.note
 
 
 def all_tables(scores: Scores) -> tuple[Table, ...]:
@@ -62,7 +70,7 @@ def all_tables(scores: Scores) -> tuple[Table, ...]:
         sequences(scores),
         failures(scores),
     ]
-    return tuple(t for t in tables if t is not None and t.rows)
+    return tuple(replace(t, protocol=scores.protocol.value) for t in tables if t is not None and t.rows)
 
 
 def published_and_measured(scores: Scores) -> Table | None:
@@ -85,7 +93,7 @@ def published_and_measured(scores: Scores) -> Table | None:
     return Table(
         "table1",
         "Published and measured",
-        f"{_protocol(scores)} {threshold}{of_paper}± is the standard deviation over sequences. "
+        f"{threshold}{of_paper}± is the standard deviation over sequences. "
         f"Rows of different data sets do not compare. {_coverage_of_buft(scores)}".strip(),
         ("approach", "source", "P_s (%)", "E_pan (°)", "E_tilt (°)", "E_roll (°)", "E_m (°)"),
         tuple(rows),
@@ -102,7 +110,7 @@ def by_kind(scores: Scores) -> Table:
     return Table(
         "kinds",
         "Rotation error by kind of sequence",
-        f"{_protocol(scores)} Mean of the mean absolute errors of tilt, pan and roll, degrees.",
+        f"Mean of the mean absolute errors of tilt, pan and roll, degrees.",
         ("tracker", *scores.kinds, "sequences"),
         tuple(rows),
     )
@@ -123,7 +131,7 @@ def angles_by_kind(scores: Scores) -> Table:
     return Table(
         "angles",
         "Errors of each angle",
-        f"{_protocol(scores)} A lost frame is one in which the tracker gave no face.",
+        f"A lost frame is one in which the tracker gave no face.",
         ("tracker", "kind", "sequences", "lost frames", "P_s (%)", "tilt (°)", "pan (°)", "roll (°)", "mean (°)"),
         tuple(rows),
     )
@@ -204,7 +212,7 @@ def calibration(scores: Scores) -> Table:
     return Table(
         "calibration",
         "Calibration",
-        f"{_protocol(scores)} Share of the errors of the three angles inside the tracker's own intervals. "
+        f"Share of the errors of the three angles inside the tracker's own intervals. "
         "The "
         "normalised error squared is 1 where the covariance is right and more where it is too small. The "
         "gap is "
@@ -225,8 +233,7 @@ def jitter(scores: Scores) -> Table:
     return Table(
         "jitter",
         "Jitter",
-        f"{_protocol(scores)} Standard deviation of the second difference of the error, degrees, mean of the "
-        "angles and sequences.",
+        "Standard deviation of the second difference of the error, degrees, mean of the angles and sequences.",
         ("tracker", *scores.kinds),
         tuple(rows),
     )
@@ -272,7 +279,7 @@ def sequences(scores: Scores) -> Table:
     return Table(
         "sequences",
         "Every sequence",
-        f"{_protocol(scores)} The errors are degrees, the RMS of the twelve points pixels.",
+        f"The errors are degrees, the RMS of the twelve points pixels.",
         ("tracker", "sequence", "kind", "frames", "lost", "tilt", "pan", "roll", "mean", "RMS"),
         tuple(rows),
     )
@@ -314,10 +321,6 @@ def _calibration_cells(chosen: Sequence[Score]) -> tuple[str, ...]:
         _number(_mean(nees)),
         _percent(metrics.reliability(confidence, rotation_error).gap),
     )
-
-
-def _protocol(scores: Scores) -> str:
-    return f"Protocol: {scores.protocol.value}."
 
 
 def _coverage_of_buft(scores: Scores) -> str:

@@ -1,0 +1,77 @@
+"""MediaPipe as a tracker: its geometry, and the portrait in known motion where it is installed."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from mien.candide.model import Candide
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, exp, log
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("mediapipe") is None, reason="the extra `auto` is not installed"
+)
+CAMERA = Camera(500, 160, 120)
+
+
+def test_back_projection_keeps_the_pixels_and_the_depths() -> None:
+    from mien.baselines.mediapipe import back_project
+
+    points = np.array([[160.0, 120.0, 0.0], [210.0, 70.0, 25.0]])
+    X = back_project(points, CAMERA)
+    np.testing.assert_allclose(X[0], [0, 0, 500])
+    np.testing.assert_allclose(X[1], [52.5, -52.5, 525])  # 50 pixels at 525 / 500
+    np.testing.assert_allclose(CAMERA.project(X)[0], points[:, :2])
+
+
+def test_similarity_is_recovered() -> None:
+    from mien.baselines.mediapipe import similarity
+
+    rng = np.random.default_rng(7)
+    source = rng.normal(size=(12, 3))
+    R, t = exp(np.array([0.3, -0.8, 2.0])), np.array([1.0, -2.0, 3.0])
+    scale, found, shift = similarity(source, 2.5 * source @ R.T + t)
+    assert scale == pytest.approx(2.5)
+    np.testing.assert_allclose(found, R, atol=1e-9)
+    np.testing.assert_allclose(shift, t, atol=1e-9)
+
+
+def test_pnp_recovers_a_projected_pose() -> None:
+    from mien.baselines.mediapipe import solve_pnp
+
+    shape = Candide.default().vertices()
+    R, t = exp(np.array([0.2, -0.3, 0.1])) @ FACING, np.array([0.3, -0.2, 9.0])
+    pixels, _ = CAMERA.project(shape @ R.T + t)
+    found, shift = solve_pnp(shape, pixels, CAMERA, FACING, np.array([0.0, 0.0, 8.0]))
+    np.testing.assert_allclose(log(found @ R.T), 0, atol=1e-5)
+    np.testing.assert_allclose(shift, t, atol=1e-3)
+
+
+def test_it_follows_the_portrait() -> None:
+    from mien.baselines.mediapipe import MediaPipeTracker
+    from mien.evaluation.datasets.sequence import Truth
+    from mien.evaluation.protocols import Protocol, compare
+    from mien.synthetic import make_sequence, moved, portrait
+    from mien.tracking.state import Status
+    from mien.video import Frame
+
+    face = portrait()
+    turn = np.linspace(0, 1, 8)[:, None] * np.array([[4.0, 12.0, 6.0]])
+    sequence = make_sequence(face, moved(face, turn, np.zeros((8, 3)), np.zeros((8, 6))))
+    tracker = MediaPipeTracker()
+    first, *rest = sequence.frames
+    estimates = [tracker.initialize(first, face.landmarks, face.camera), *map(tracker.track, rest)]
+    assert [e.status for e in estimates] == [Status.INITIALIZED] + [Status.TRACKED] * 7
+    R = np.array([e.rotation for e in estimates])
+    error = compare(Protocol.REBASED, Truth(8, rotations=sequence.R), R).error_deg
+    assert np.abs(error).max() < 5
+    seen = estimates[0].landmarks
+    assert seen is not None
+    assert np.abs(np.degrees(estimates[0].euler)).max() < 20
+    assert {"nose_tip", "right_eye_outer_corner"} <= set(seen.names)
+    black = tracker.track(Frame(np.zeros_like(first.pixels), 8, 0.3))
+    assert black.status is Status.LOST
+    assert "no face" in black.reason

@@ -1,0 +1,72 @@
+"""`mien evaluate` and `mien report` through the real command."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation import tiny
+
+
+def _mien(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from mien.cli import main; main()", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture(autouse=True)
+def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(tiny.ROOT))
+
+
+def test_one_command_gives_a_report_and_report_gives_the_others(tmp_path: Path) -> None:
+    data = tiny.rendered(tmp_path / "data")
+    run = _mien(
+        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
+        "--timed", 0, "--jobs", 2, "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert "report.html" in run.stdout
+    assert "protocol: rebased" in run.stdout
+    for form, ending in (("latex", "tex"), ("csv", "csv"), ("markdown", "md")):
+        made = _mien("report", tmp_path / "out", "--format", form, "--protocol", "sensor")
+        assert made.returncode == 0, made.stderr
+        assert "sensor" in (tmp_path / "out" / f"report.{ending}").read_text(encoding="utf-8")
+
+
+def test_bad_input_is_one_sentence_and_status_2(tmp_path: Path) -> None:
+    data, out = tiny.rendered(tmp_path / "data"), tmp_path / "out"
+    tracker = ("--trackers", "evaluation.tiny:Still")
+    for arguments, sentence in (
+        (("evaluate", "bu", data, "-o", out), "buft, talking-face, rendered, video"),
+        (("evaluate", "buft", tmp_path / "none", "-o", out, *tracker), "does not exist"),
+        (("evaluate", "buft", data, "-o", out, *tracker), "holds no sequence of BUFT"),
+        (("evaluate", "rendered", data, "-o", out, "--trackers", "papper"), "unknown tracker 'papper'"),
+        (("evaluate", "rendered", data, "-o", out, *tracker, "--protocol", "best"), "paper, rebased, sensor"),
+        (("report", tmp_path), "holds no results"),
+    ):
+        run = _mien(*arguments)
+        assert run.returncode == 2, (arguments, run.stdout, run.stderr)
+        assert sentence in run.stderr
+        assert "Traceback" not in run.stderr
+
+
+def test_where_nothing_could_be_done_the_reason_is_given(tmp_path: Path) -> None:
+    data = tiny.rendered(tmp_path / "data")
+    np.savez(data / "a_uniform1_truth.npz", R=np.full((6, 3, 3), np.nan))
+    run = _mien(
+        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
+        "--quiet", "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert run.returncode == 2
+    assert "no tracker gave a figure" in run.stderr
+    assert "not a finite number" in run.stderr
+    assert (tmp_path / "out" / "report.html").is_file()
