@@ -20,32 +20,44 @@ from mien.evaluation.run import frame_errors
 from mien.evaluation.scores import Score, Scores, pooled, success_rate
 from mien.files import whole_file
 from mien.geometry.rotation import Array
+from mien.output.plots import NORMAL_90
 
 COLOURS = ("#2c62a8", "#c1443c", "#2f7d4f", "#c98a1b", "#7a4fa3", "#3a9ca8", "#8a5a3c", "#555555")
 TRUTH_COLOUR = "#222222"
-NORMAL_90 = 1.6449
-"""Half width of the central 90 per cent of a normal distribution, in standard deviations."""
-
 SHEET_FRAMES, SHEET_COLUMNS, TILE = 20, 5, 320
 MESH, ESTIMATE, TRUTH = (255, 220, 120), (120, 255, 90), (60, 60, 255)  # BGR
-MAXIMUM_PANELS = 24
+PANELS = 24
+"""Sequences on one page of a figure that has a panel for each."""
 
 
 def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
     """Draw every figure that these results fill; title -> file."""
     folder.mkdir(parents=True, exist_ok=True)
-    makers: dict[str, tuple[str, Callable[[Scores], Figure | None]]] = {
-        "angles": ("Angles against truth, with the 90 per cent interval", angles_over_time),
-        "landmarks": ("RMS of the twelve points against the frame (Fig. 4)", landmark_rms_over_time),
-        "head-angle": ("Rotation error against the angle of the head", error_against_head_angle),
-        "success": ("P_s against the threshold", success_against_threshold),
-        "reliability": ("Reliability of the confidence", reliability_diagram),
-    }
+    angles, points = _pages(scores, _compared), _pages(scores, _pointed)
+    makers: list[tuple[str, str, list[Figure]]] = [
+        (
+            "angles",
+            "Angles against truth, with the 90 per cent interval",
+            [angles_over_time(scores, p) for p in angles],
+        ),
+        (
+            "landmarks",
+            "RMS of the twelve points against the frame (Fig. 4)",
+            [landmark_rms_over_time(scores, p) for p in points],
+        ),
+    ]
+    if angles:
+        makers += [
+            ("head-angle", "Rotation error against the angle of the head", [error_against_head_angle(scores)]),
+            ("success", "P_s against the threshold", [success_against_threshold(scores)]),
+            ("reliability", "Reliability of the confidence", [reliability_diagram(scores)]),
+        ]
     out = {}
-    for name, (title, make) in makers.items():
-        figure = make(scores)
-        if figure is not None:
-            out[title] = _save(figure, folder / f"{name}.png")
+    for name, title, figures in makers:
+        for page, figure in enumerate(figures, 1):
+            ending = f" ({page} of {len(figures)})" if len(figures) > 1 else ""
+            number = f"-{page}" if len(figures) > 1 else ""
+            out[title + ending] = _save(figure, folder / f"{name}{number}.png")
     for tracker in scores.trackers:
         sheet = contact_sheet(scores.of(tracker))
         if sheet is not None:
@@ -56,11 +68,8 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
     return out
 
 
-def angles_over_time(scores: Scores) -> Figure | None:
-    """For each sequence the three angles of truth and trackers, with the interval where there is one."""
-    names = [n for n in scores.evaluation.sequences if _compared(scores, n)][:MAXIMUM_PANELS]
-    if not names:
-        return None
+def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
+    """For each of these sequences the angles of truth and trackers, with the interval where there is one."""
     figure = _figure(11, 1.9 * len(names))
     axes = figure.subplots(len(names), 3, squeeze=False, sharex="row")
     for row, name in zip(axes, names, strict=True):
@@ -78,11 +87,8 @@ def angles_over_time(scores: Scores) -> Figure | None:
     return figure
 
 
-def landmark_rms_over_time(scores: Scores) -> Figure | None:
-    """Fig. 4 of the paper: a panel a sequence."""
-    names = [n for n in scores.evaluation.sequences if _pointed(scores, n)][:MAXIMUM_PANELS]
-    if not names:
-        return None
+def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
+    """Fig. 4 of the paper: a panel for each of these sequences."""
     columns = 3 if len(names) > 2 else 1
     figure = _figure(11, 2.0 * -(-len(names) // columns) + 0.6)
     axes = figure.subplots(-(-len(names) // columns), columns, squeeze=False).ravel()
@@ -105,10 +111,8 @@ def landmark_rms_over_time(scores: Scores) -> Figure | None:
     return figure
 
 
-def error_against_head_angle(scores: Scores) -> Figure | None:
+def error_against_head_angle(scores: Scores) -> Figure:
     """Median and 90th percentile of the rotation error in bins of the head's true rotation."""
-    if not any(scores.posed(t) for t in scores.trackers):
-        return None
     figure = _figure(7, 4)
     axis = figure.subplots()
     for tracker, colour in zip(scores.trackers, _colours(), strict=False):
@@ -127,10 +131,8 @@ def error_against_head_angle(scores: Scores) -> Figure | None:
     return figure
 
 
-def success_against_threshold(scores: Scores) -> Figure | None:
+def success_against_threshold(scores: Scores) -> Figure:
     """Share of frames whose root of e_i is at most the threshold."""
-    if not any(scores.posed(t) for t in scores.trackers):
-        return None
     figure = _figure(7, 4)
     axis = figure.subplots()
     thresholds = np.linspace(0.5, 60, 120)
@@ -148,10 +150,8 @@ def success_against_threshold(scores: Scores) -> Figure | None:
     return figure
 
 
-def reliability_diagram(scores: Scores) -> Figure | None:
+def reliability_diagram(scores: Scores) -> Figure:
     """How often frames of a confidence are right to 5 degrees, and how many frames have it."""
-    if not any(scores.posed(t) for t in scores.trackers):
-        return None
     figure = _figure(6, 5)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)
@@ -250,6 +250,12 @@ def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
     if np.isfinite(sd).any():
         low, high = estimate - NORMAL_90 * sd, estimate + NORMAL_90 * sd
         axis.fill_between(frames, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def _pages(scores: Scores, chosen: Callable[[Scores, str], list[Score]]) -> list[list[str]]:
+    """The names of the sequences that have something to show, in pages."""
+    names = [n for n in scores.evaluation.sequences if chosen(scores, n)]
+    return [names[i : i + PANELS] for i in range(0, len(names), PANELS)]
 
 
 def _compared(scores: Scores, sequence: str) -> list[Score]:

@@ -110,7 +110,7 @@ def by_kind(scores: Scores) -> Table:
     return Table(
         "kinds",
         "Rotation error by kind of sequence",
-        f"Mean of the mean absolute errors of tilt, pan and roll, degrees.",
+        "Mean of the mean absolute errors of tilt, pan and roll, degrees.",
         ("tracker", *scores.kinds, "sequences"),
         tuple(rows),
     )
@@ -131,7 +131,7 @@ def angles_by_kind(scores: Scores) -> Table:
     return Table(
         "angles",
         "Errors of each angle",
-        f"A lost frame is one in which the tracker gave no face.",
+        "A lost frame is one in which the tracker gave no face.",
         ("tracker", "kind", "sequences", "lost frames", "P_s (%)", "tilt (°)", "pan (°)", "roll (°)", "mean (°)"),
         tuple(rows),
     )
@@ -279,7 +279,7 @@ def sequences(scores: Scores) -> Table:
     return Table(
         "sequences",
         "Every sequence",
-        f"The errors are degrees, the RMS of the twelve points pixels.",
+        "The errors are degrees, the RMS of the twelve points pixels.",
         ("tracker", "sequence", "kind", "frames", "lost", "tilt", "pan", "roll", "mean", "RMS"),
         tuple(rows),
     )
