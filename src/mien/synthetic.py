@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.appearance.rendering import Texture, render
+from mien.candide.model import MOUTH_TRIANGLES
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, matrix_from_euler
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -33,8 +34,6 @@ RIM_WIDTH, RIM_DEPTH = 1.0, 0.4
 """How far the rim reaches beyond the outline of the mesh, as a part of its size, and backwards in units."""
 
 _OUTLINE = (0, 11, 12, 14, 29, 28, 30, 32, 10, 65, 63, 61, 62, 47, 45, 44)
-_MOUTH = ((88, 81, 83), (83, 81, 40), (40, 81, 87), (87, 82, 40), (40, 82, 84), (84, 82, 89))
-"""Surfaces between the lips, where CANDIDE has a hole."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ class _Face:
 
     def __init__(self, portrait: Portrait) -> None:
         self.fit, self.frame = portrait.fit, portrait.frame
-        self.triangles = np.vstack([self.fit.model.triangles, _MOUTH, _rim_triangles(len(self.fit.shape))])
+        self.triangles = np.vstack([self.fit.model.triangles, MOUTH_TRIANGLES, _rim_triangles(len(self.fit.shape))])
         s = SUPERSAMPLING
         camera = portrait.camera
         self.camera = Camera(camera.focal_px * s, camera.cx * s + (s - 1) / 2, camera.cy * s + (s - 1) / 2)

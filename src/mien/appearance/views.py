@@ -87,6 +87,7 @@ def rendered_views(
     frame: Frame,
     fit: FirstFrame,
     camera: Camera,
+    triangles: NDArray[np.intp],
     rotations: Sequence[Array],
     pixels_per_unit: float,
     size: int,
@@ -94,11 +95,11 @@ def rendered_views(
 ) -> Iterator[tuple[Float32, Array]]:
     """The first frame's face in these rotations (3, 3): smoothed grey crops (size, size), vertices in them (V, 2).
 
-    blur: standard deviation of the smoothing in crop pixels.
+    triangles: (T, 3) the surfaces that are drawn; blur: standard deviation of the smoothing in crop pixels.
     """
     texture = texture_from_frame(frame, fit, camera, pixels_per_unit=pixels_per_unit)
     background = float(frame.gray.mean())
-    vertices, triangles = fit.vertices(), fit.model.triangles
+    vertices = fit.vertices()
     for R in rotations:
         image, p = render_view(vertices, triangles, texture, R, fit.t, camera, pixels_per_unit, size, background)
         yield blurred(image, blur), p

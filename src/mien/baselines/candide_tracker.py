@@ -10,6 +10,7 @@ import numpy as np
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import crop_of_face, rendered_views
+from mien.candide.model import MOUTH_TRIANGLES
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -115,5 +116,9 @@ def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
 def views_of_first_frame(
     frame: Frame, fit: FirstFrame, camera: Camera, rotations: Sequence[Array]
 ) -> Iterator[tuple[Float32, Array]]:
-    """The first frame's face turned: smoothed grey crops and the vertices in them (V, 2)."""
-    return rendered_views(frame, fit, camera, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)
+    """The first frame's face turned: smoothed grey crops and the vertices in them (V, 2).
+
+    An open mouth has a surface of its own: features at the lips would otherwise see through it.
+    """
+    triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
+    return rendered_views(frame, fit, camera, triangles, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)

@@ -19,6 +19,7 @@ from itertools import product
 
 import cv2
 import numpy as np
+from scipy.special import expit
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import rotation, tilt_pan_of
@@ -40,10 +41,11 @@ PANS_DEG = (-30.0, 0.0, 30.0)
 TILTS_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
 NEGATIVE_RADII, NEGATIVE_DIRECTIONS = (3.0, 5.0, 8.0, 12.0), 8
 """Where the patches are that an expert has to reject: distances in crop pixels from the landmark."""
-EXPERT_C = 1.0
-WINDOW_RADII = (14, 10, 7)
+EXPERT_C = 100.0
+"""Inverse strength of the regularisation of the experts: sharp maps, so that far mass does not pull."""
+WINDOW_RADII = (20, 12, 7)
 """Half width in crop pixels of the window of each pass; every pass computes the response maps anew."""
-SMOOTHING = (30.0, 15.0, 8.0, 4.0)
+SMOOTHING = (60.0, 25.0, 10.0, 4.0)
 """Variances rho in square pixels of the mean-shift of one pass, one after the other."""
 STEPS = 3
 """Mean-shift steps for each rho."""
@@ -72,7 +74,7 @@ class Experts:
         labels = np.r_[np.ones(positives.shape[1]), np.zeros(negatives.shape[1])]
         weights, bias = [], []
         for positive, negative in zip(positives, negatives, strict=True):
-            expert = LogisticRegression(C=EXPERT_C, class_weight="balanced", max_iter=200)
+            expert = LogisticRegression(C=EXPERT_C, class_weight="balanced", max_iter=1000)
             expert.fit(np.vstack([positive, negative]), labels)
             weights.append(expert.coef_[0])
             bias.append(expert.intercept_[0])
@@ -100,7 +102,7 @@ class Experts:
     def probability(self, scores: Float32) -> Float32:
         """Probabilities (n, ...) of the templates' correlations (n, ...)."""
         shape = (-1,) + (1,) * (scores.ndim - 1)
-        return np.asarray(1 / (1 + np.exp(-self.gain.reshape(shape) * scores - self.bias.reshape(shape))))
+        return np.asarray(expit(self.gain.reshape(shape) * scores + self.bias.reshape(shape)), np.float32)
 
 
 def _window(gray: Float32, x: int, y: int, side: int) -> Float32:
@@ -164,7 +166,7 @@ class SaragihTracker(CandideTracker):
     The likeness is the mean probability that the experts give to the landmarks where they were found.
     """
 
-    least_likeness = 0.2
+    least_likeness = 0.35
 
     def _learn(self, frame: Frame) -> None:
         self.experts = [self._learn_experts(frame, pan) for pan in PANS_DEG]

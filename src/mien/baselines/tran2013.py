@@ -58,14 +58,17 @@ class Codebook:
         self._lasso: Any = Lasso(weight, fit_intercept=False, tol=TOLERANCE, max_iter=SWEEPS, warm_start=True)
 
     def residuals(self, patches: Float32) -> Float32:
-        """Squared residuals (n,) of the sparse representations of patches (n, D) of unit length."""
+        """Squared residuals (n,) of the sparse representations of patches (n, D) of unit length.
+
+        A flat patch is zero, which any codebook represents; it counts as not represented at all.
+        """
         from sklearn import config_context
 
         observed = patches.astype(float).ravel()
         with config_context(assume_finite=True, skip_parameter_validation=True):
             self._lasso.fit(self._dictionary, observed)
         rest = observed - self._dictionary @ self._lasso.coef_
-        return np.asarray((rest.reshape(patches.shape) ** 2).sum(axis=1))
+        return np.asarray((rest.reshape(patches.shape) ** 2).sum(axis=1) + 1 - (patches**2).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class Tran2013Tracker(CandideTracker):
     least_likeness = 0.4
     animated = False
 
-    def __init__(self, evaluations: int = 200, seed: int = 0) -> None:
+    def __init__(self, evaluations: int = 150, seed: int = 0) -> None:
         self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
 
     def _learn(self, frame: Frame) -> None:

@@ -33,6 +33,8 @@ TRACKED_UNITS = (
 INTERPUPILLARY_MM = 63.0
 _PUPILS = ((67, 68, 71, 72), (69, 70, 73, 74))  # iris corners of the left and of the right eye
 _EYE_OPENINGS = ((20, 97, 21, 105, 23, 107, 22, 99), (53, 98, 54, 106, 56, 108, 55, 100))
+MOUTH_TRIANGLES = ((88, 81, 83), (83, 81, 40), (40, 81, 87), (87, 82, 40), (40, 82, 84), (84, 82, 89))
+"""Surfaces between the lips, where CANDIDE has a hole; `Candide.triangles` does not hold them."""
 
 
 @dataclass(frozen=True)

@@ -126,5 +126,6 @@ def learn_views(frame: Frame, fit: FirstFrame, camera: Camera, settings: PaperSe
     """Descriptors (views, n, 128) of the landmarks in every rendered view of the first frame's face."""
     d = settings.descriptor
     rotations = view_rotations(settings.view_limit_deg, settings.view_step_deg)
-    views = rendered_views(frame, fit, camera, rotations, d.pixels_per_unit, crop_size(d), d.blur)
+    triangles, size = fit.model.triangles, crop_size(d)
+    views = rendered_views(frame, fit, camera, triangles, rotations, d.pixels_per_unit, size, d.blur)
     return np.stack([Reader.of(image, d)(p[VERTICES]) for image, p in views])

@@ -1,0 +1,42 @@
+"""Chen and Davoine 2006: statistics over the views, a small motion, a black frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mien.baselines.chen import ChenTracker, PatchStatistics
+from mien.tracking.state import Status
+from small_motion import face, run, small_motion, turn_error_deg
+
+
+def test_statistics_by_hand() -> None:
+    samples = np.array([[[1.0, 0.0]], [[3.0, 0.0]]], np.float32)  # two views, one landmark, two values
+    statistics = PatchStatistics.learn(samples, floor=0.25)
+    np.testing.assert_allclose(statistics.mean, [[2, 0]])
+    np.testing.assert_allclose(statistics.variance, [[1, 0.25]])
+    np.testing.assert_allclose(statistics.squared_distance(np.array([[4.0, 1.0]], np.float32)), [4 + 4])
+    np.testing.assert_allclose(statistics.correlation(np.array([[0.6, 0.8]], np.float32)), [0.6])
+
+
+def test_a_small_motion_is_recovered() -> None:
+    sequence = small_motion()
+    estimates = run(ChenTracker(evaluations=400), sequence)
+    assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
+    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert estimates[-1].landmarks is not None
+    distance = np.linalg.norm(estimates[-1].landmarks.image - sequence.landmarks[-1], axis=1)
+    assert distance.mean() < 3
+
+
+def test_a_black_frame_is_a_lost_frame() -> None:
+    estimates = run(ChenTracker(evaluations=400), small_motion(blank={2}))
+    assert [e.status for e in estimates[1:]] == [Status.TRACKED, Status.LOST, Status.RECOVERED]
+    assert "looks like the face" in estimates[2].reason
+
+
+def test_nothing_is_updated() -> None:
+    tracker = ChenTracker(evaluations=20)
+    tracker.initialize(face().frame, face().landmarks, face().camera)
+    learned = tracker.statistics
+    tracker.track(face().frame)
+    assert tracker.statistics is learned

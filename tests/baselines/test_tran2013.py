@@ -1,0 +1,53 @@
+"""Tran and others 2013: sparse residuals, a small motion, a black frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mien.baselines.tran2013 import SPARSITY, Codebook, Tran2013Tracker
+from mien.tracking.state import Status
+from small_motion import run, small_motion, turn_error_deg
+
+
+def _unit(
+    patches: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.asarray(patches / np.linalg.norm(patches, axis=-1, keepdims=True), np.float32)
+
+
+def test_the_residual_of_a_codeword_is_what_sparsity_takes() -> None:
+    """min 1/2 (1 - c)^2 + s c is at c = 1 - s, and leaves s^2; of what is orthogonal, everything is left."""
+    codebook = Codebook(np.eye(4, dtype=np.float32)[None, :3])
+    np.testing.assert_allclose(codebook.residuals(np.array([[0, 1, 0, 0]], np.float32)), SPARSITY**2, rtol=1e-3)
+    np.testing.assert_allclose(codebook.residuals(np.array([[0, 0, 0, 1]], np.float32)), 1, rtol=1e-6)
+
+
+def test_landmarks_do_not_share_codebooks() -> None:
+    patches = _unit(np.random.default_rng(0).normal(size=(2, 3, 20)))
+    codebook = Codebook(patches)
+    own = codebook.residuals(patches[:, 0])
+    other = codebook.residuals(patches[::-1, 0])
+    assert (own < 0.05).all()
+    assert (other > 0.3).all()
+    np.testing.assert_allclose(
+        Codebook(patches[:1]).residuals(patches[:1, 1]), codebook.residuals(patches[:, 1])[:1], atol=0.01
+    )
+
+
+def test_a_flat_patch_is_not_represented() -> None:
+    patches = _unit(np.random.default_rng(0).normal(size=(1, 3, 20)))
+    np.testing.assert_allclose(Codebook(patches).residuals(np.zeros((1, 20), np.float32)), 1)
+
+
+def test_a_small_motion_is_recovered() -> None:
+    sequence = small_motion()
+    estimates = run(Tran2013Tracker(evaluations=120), sequence)
+    assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
+    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert estimates[-1].animation is None
+
+
+def test_a_black_frame_is_a_lost_frame() -> None:
+    estimates = run(Tran2013Tracker(evaluations=120), small_motion(blank={2}))
+    assert [e.status for e in estimates[1:]] == [Status.TRACKED, Status.LOST, Status.RECOVERED]
+    assert "looks like the face" in estimates[2].reason

@@ -1,0 +1,42 @@
+"""A rendered face in a small known motion, for the tests of the trackers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import cache
+
+import numpy as np
+
+from mien.geometry.rotation import Array, angle_between
+from mien.synthetic import Portrait, SyntheticSequence, make_sequence, moved, portrait
+from mien.tracking.state import Estimate, Tracker
+
+ANGLES_DEG = np.array([4.0, -8.0, 5.0])
+SHIFT = np.array([0.06, -0.04, 0.1])
+STEPS = 3
+
+
+@cache
+def face() -> Portrait:
+    """The portrait, which takes a second to read."""
+    return portrait()
+
+
+def small_motion(blank: Collection[int] = ()) -> SyntheticSequence:
+    """The face as it is, then in three steps to ANGLES_DEG and SHIFT; frames that are `blank` are black."""
+    along = np.linspace(0, 1, STEPS + 1)[:, None]
+    states = moved(face(), along * ANGLES_DEG, along * SHIFT, np.zeros((STEPS + 1, 6)))
+    return make_sequence(face(), states, noise_sd=2, blank=blank)
+
+
+def run(tracker: Tracker, sequence: SyntheticSequence) -> list[Estimate]:
+    """Estimates of all frames, from the portrait's landmarks on the first."""
+    first = tracker.initialize(sequence.frames[0], face().landmarks, face().camera)
+    return [first, *(tracker.track(frame) for frame in sequence.frames[1:])]
+
+
+def turn_error_deg(estimates: list[Estimate], sequence: SyntheticSequence) -> Array:
+    """Angles (n,) in degrees between the turn since the first frame that was estimated and the true one."""
+    R = np.stack([e.rotation for e in estimates if e.rotation is not None])
+    assert len(R) == len(sequence.R), [e.reason for e in estimates]
+    return np.asarray(np.degrees(angle_between(R @ R[0].T, sequence.R @ sequence.R[0].T)))
