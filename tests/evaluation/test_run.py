@@ -103,6 +103,23 @@ def test_a_tracker_without_a_first_pose_has_no_figures(sequence: Sequence) -> No
     assert "no pose in the first frame" in score.failure
 
 
+class _Landmarks(Still):
+    """Gives landmarks and no pose."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        return replace(tiny.estimate(frame), rotation=None)
+
+    def track(self, frame: Frame) -> Estimate:
+        return replace(tiny.estimate(frame), rotation=None)
+
+
+def test_a_tracker_of_landmarks_alone_is_measured_by_them(sequence: Sequence) -> None:
+    score = Score(run_sequence(_Landmarks(), sequence, FIRST), Protocol.REBASED, 30.0)
+    assert score.failure == ""
+    assert score.comparison is None
+    np.testing.assert_allclose(score.frame_rms_px, 0, atol=1e-6)
+
+
 class _Breaks(Still):
     """Gives what is no estimate of a frame."""
 

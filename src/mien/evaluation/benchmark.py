@@ -46,6 +46,7 @@ def run_plan(
     progress: Progress = lambda done, total, name: None,
 ) -> Evaluation:
     """Run what is missing. Raises MienError where the plan cannot be begun; a failed sequence is a result."""
+    _checksum.cache_clear()
     sequences = _chosen(load_dataset(plan.dataset, plan.root), plan.sequences)
     _require_same_dataset(plan)
     require_writable(plan.out / "evaluation.json")
@@ -92,7 +93,7 @@ def timing_path(out: Path, tracker: str, sequence: str) -> Path:
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
     """The landmarks of a first frame; the name of their file changes with what they are made from."""
     files = (sequence.video, *(sequence.truth_files if plan.landmarks == "truth" else ()))
-    made_from = _digest([__version__, *(checksum(f) for f in files)])[:12]
+    made_from = _digest([__version__, *(_checksum(f) for f in files)])[:12]
     file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{made_from}.json"
     return Job(
         "landmarks", plan.dataset, str(plan.root), sequence.name, str(file), plan.landmarks, str(file), plan.focal_px
@@ -108,10 +109,10 @@ def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
         "version": __version__,
         "code": code_checksum(),
         "tracker": name,
-        "input": checksum(_argument(own)) if replays(own) and _argument(own).is_file() else "",
-        "landmarks": checksum(Path(first.out)) if Path(first.out).exists() else "",
-        "video": checksum(sequence.video),
-        "truth": _digest([checksum(f) for f in sequence.truth_files]),
+        "input": _checksum(_argument(own)) if replays(own) and _argument(own).is_file() else "",
+        "landmarks": _checksum(Path(first.out)) if Path(first.out).exists() else "",
+        "video": _checksum(sequence.video),
+        "truth": _digest([_checksum(f) for f in sequence.truth_files]),
         "focal_px": plan.focal_px,
     }
     out = result_path(plan.out, name, sequence.name)
@@ -149,7 +150,7 @@ def code_checksum() -> str:
     root = Path(mien.__file__).parent
     files = (p for p in sorted(root.rglob("*")) if p.is_file() and p.suffix not in (".pyc", ".nbi", ".nbc"))
     used = [p for p in files if p.relative_to(root).parts[0] not in NOT_OF_A_TRACK]
-    return _digest([f"{p.relative_to(root)} {checksum(p)}" for p in used])
+    return _digest([f"{p.relative_to(root)} {_checksum(p)}" for p in used])
 
 
 def _run(
@@ -223,6 +224,12 @@ def _argument(tracker: str) -> Path:
 
 def _folder(tracker: str) -> str:
     return re.sub(r"[^\w.-]+", "-", tracker)
+
+
+@cache
+def _checksum(path: Path) -> str:
+    """Of a file or a folder, read once in a run."""
+    return checksum(path)
 
 
 def _digest(parts: Sequence[str]) -> str:

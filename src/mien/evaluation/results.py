@@ -47,6 +47,11 @@ class TrackTable:
     def lost(self) -> Mask:
         return np.array([s == Status.LOST.value for s in self.status], dtype=bool)
 
+    @property
+    def landmarks_alone(self) -> bool:
+        """Whether the tracker saw faces and gave no pose for any."""
+        return not self.lost.all() and not bool(np.isfinite(self.rotation).any())
+
     @classmethod
     def of(cls, estimates: Sequence[Estimate]) -> TrackTable:
         """The arrays of a list of estimates, one a frame."""

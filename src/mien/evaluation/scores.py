@@ -44,9 +44,10 @@ class Score:
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """Truth and estimate in the protocol's angles; None where the sequence has no truth of the pose."""
+        """Truth and estimate in the protocol's angles; None where there is no truth of the pose, or the
+        tracker gives landmarks alone."""
         track, truth = self.result.track, self.result.truth
-        if track is None or truth is None or not truth.has_pose:
+        if track is None or truth is None or not truth.has_pose or track.landmarks_alone:
             return None
         return compare(self.protocol, truth, track.rotation, track.rotation_covariance)
 
