@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
+import pytest
 
 from mien.baselines.candide_tracker import CandideTracker, Found
+from mien.errors import MienError
 from mien.geometry.rotation import Array
+from mien.registry import create_tracker
 from mien.tracking.state import Status
 from mien.video import Frame
 from small_motion import face
@@ -75,3 +80,10 @@ def test_a_face_that_left_the_image_is_waited_for_where_it_began() -> None:
         assert estimate.status is Status.LOST
         assert "left the image" in estimate.reason
         np.testing.assert_array_equal(tracker.b, start)
+
+
+@pytest.mark.parametrize("name", ["saragih-2011", "tran-2013"])
+def test_without_scikit_learn_it_says_how_to_get_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "sklearn", None)  # type: ignore[arg-type]
+    with pytest.raises(MienError, match=rf"{name}.*pip install 'mien\[baselines\]'"):
+        create_tracker(name)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import numpy as np
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import crop_of_face, rendered_views
 from mien.candide.model import MOUTH_TRIANGLES
+from mien.errors import require
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -122,3 +124,11 @@ def views_of_first_frame(
     """
     triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
     return rendered_views(frame, fit, camera, triangles, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)
+
+
+def require_scikit_learn(tracker: str) -> None:
+    """MienError unless scikit-learn, which the tracker of this name needs, is installed."""
+    require(
+        find_spec("sklearn") is not None,
+        f"the tracker {tracker!r} needs scikit-learn: pip install 'mien[baselines]'",
+    )

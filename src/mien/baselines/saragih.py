@@ -23,16 +23,21 @@ from scipy.special import expit
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import rotation, tilt_pan_of
-from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
+from mien.baselines.candide_tracker import (
+    BLUR,
+    VERTICES,
+    CandideTracker,
+    Found,
+    face_crop,
+    require_scikit_learn,
+    views_of_first_frame,
+)
 from mien.baselines.patches import read_patches
-from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, hat, log
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.state import unpack
 from mien.video import Frame
-
-NOT_INSTALLED = "the tracker 'saragih-2011' needs scikit-learn: pip install 'mien[baselines]'"
 
 PATCH_SIZE = 11
 """Side of the patches in crop pixels, odd."""
@@ -67,10 +72,8 @@ class Experts:
     @classmethod
     def learn(cls, positives: Float32, negatives: Float32) -> Experts:
         """Logistic regressions of positives (n, P, D) against negatives (n, N, D)."""
-        try:
-            from sklearn.linear_model import LogisticRegression
-        except ImportError as e:
-            raise MienError(NOT_INSTALLED) from e
+        from sklearn.linear_model import LogisticRegression
+
         labels = np.r_[np.ones(positives.shape[1]), np.zeros(negatives.shape[1])]
         weights, bias = [], []
         for positive, negative in zip(positives, negatives, strict=True):
@@ -167,6 +170,9 @@ class SaragihTracker(CandideTracker):
     """
 
     least_likeness = 0.35
+
+    def __init__(self) -> None:
+        require_scikit_learn("saragih-2011")
 
     def _learn(self, frame: Frame) -> None:
         self.experts = [self._learn_experts(frame, pan) for pan in PANS_DEG]

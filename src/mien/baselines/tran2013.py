@@ -23,17 +23,22 @@ from scipy.sparse import block_diag
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import rotation
-from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
+from mien.baselines.candide_tracker import (
+    BLUR,
+    VERTICES,
+    CandideTracker,
+    Found,
+    face_crop,
+    require_scikit_learn,
+    views_of_first_frame,
+)
 from mien.baselines.patches import read_patches
-from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd
 from mien.video import Frame
-
-NOT_INSTALLED = "the tracker 'tran-2013' needs scikit-learn: pip install 'mien[baselines]'"
 
 PATCH_SIZE, PATCH_STEP = 7, 2.5
 VIEW_ANGLES_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
@@ -49,10 +54,8 @@ class Codebook:
     """Codebooks (n, K, D) of n landmarks, each of K patches of unit length."""
 
     def __init__(self, patches: Float32) -> None:
-        try:
-            from sklearn.linear_model import Lasso
-        except ImportError as e:
-            raise MienError(NOT_INSTALLED) from e
+        from sklearn.linear_model import Lasso
+
         self._dictionary = block_diag([codewords.T for codewords in patches.astype(float)]).tocsc()
         weight = SPARSITY / self._dictionary.shape[0]  # scikit-learn divides the squared residual by its length
         self._lasso: Any = Lasso(weight, fit_intercept=False, tol=TOLERANCE, max_iter=SWEEPS, warm_start=True)
@@ -100,6 +103,7 @@ class Tran2013Tracker(CandideTracker):
     animated = False
 
     def __init__(self, evaluations: int = 150, seed: int = 0) -> None:
+        require_scikit_learn("tran-2013")
         self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
 
     def _learn(self, frame: Frame) -> None:
