@@ -77,7 +77,9 @@ def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
             for i, score in enumerate(_compared(scores, name)):
                 _plot_angle(axis, score, k, COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)])
                 if i == 0:
-                    axis.plot(score.compared.truth_deg[:, k], color=TRUTH_COLOUR, linewidth=1.2, linestyle="--")
+                    known = np.flatnonzero(score.compared.known)
+                    truth = score.compared.truth_deg[known, k]
+                    axis.plot(known, truth, color=TRUTH_COLOUR, linewidth=1.2, linestyle="--")
             _tidy(axis)
         row[0].set_ylabel(f"{name}\ndegrees", fontsize=8)
     for k, name in enumerate(ANGLE_NAMES):
@@ -94,10 +96,9 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     axes = figure.subplots(-(-len(names) // columns), columns, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
         for score in _pointed(scores, name):
-            rms = score.frame_rms_px
-            assert rms is not None
+            annotated, rms = _annotated_rms(score)
             colour = COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)]
-            axis.plot(rms, color=colour, linewidth=1.0)
+            axis.plot(annotated, rms, color=colour, linewidth=1.0)
         axis.set_title(name, fontsize=9)
         axis.set_ylim(bottom=0)
         _tidy(axis)
@@ -266,6 +267,15 @@ def _compared(scores: Scores, sequence: str) -> list[Score]:
 def _pointed(scores: Scores, sequence: str) -> list[Score]:
     """The scores of a sequence that have the twelve points."""
     return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.points is not None]
+
+
+def _annotated_rms(score: Score) -> tuple[NDArray[np.intp], Array]:
+    """The frames that are annotated, and their RMS; NaN where the face was lost."""
+    rms = score.frame_rms_px
+    assert rms is not None
+    assert score.points is not None
+    annotated = np.flatnonzero(np.isfinite(score.points[1]).all(axis=(1, 2)))
+    return annotated, rms[annotated]
 
 
 def _head_angle_deg(score: Score) -> Array:
