@@ -11,9 +11,9 @@ import pytest
 
 from evaluation import tiny
 from mien.errors import MienError
-from mien.evaluation.benchmark import result_path, run_plan, timing_path
+from mien.evaluation.benchmark import run_plan
 from mien.evaluation.isolate import Command, run_commands
-from mien.evaluation.plan import Evaluation, Plan, command_of, label
+from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.scores import load_scores
 

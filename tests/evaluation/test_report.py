@@ -16,12 +16,13 @@ from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Shifted, face68, head_rotations
 from mien.errors import MienError
 from mien.evaluation import tables
-from mien.evaluation.benchmark import result_path, timing_path
+from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
-from mien.evaluation.figures import contact_sheet, save_figures
+from mien.evaluation.figures import save_figures
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
-from mien.evaluation.plan import Evaluation
+from mien.evaluation.plan import Evaluation, result_path, timing_path
+from mien.evaluation.published import REBASED_REFERENCES
 from mien.evaluation.report import write_report
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.run import run_sequence
@@ -81,7 +82,7 @@ def test_table_1_names_its_sources(out: Path) -> None:
     assert all(r["source"].startswith("measured here") for r in sensor)
 
 
-@pytest.mark.parametrize("row", tables.REBASED_REFERENCES)
+@pytest.mark.parametrize("row", REBASED_REFERENCES)
 def test_published_means(row: tuple[str, ...]) -> None:
     *angles, mean = map(float, row[1:])
     assert mean == pytest.approx(np.mean(angles), abs=0.006)
@@ -137,7 +138,7 @@ def test_the_table_of_buft_says_which_sequences_are_there(out: Path) -> None:
     )
     table = tables.published_and_measured(replace(scores, evaluation=evaluation, scores=scores.scores))
     assert table is None or "45" in table.note
-    assert tables._coverage_of_buft(replace(scores, evaluation=evaluation)) == (
+    assert tables.coverage_of_buft(replace(scores, evaluation=evaluation)) == (
         "Of the 45 sequences of the uniform-light set 1 are there: jam1."
     )
 

@@ -15,8 +15,9 @@ from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.protocols import Protocol
 from mien.evaluation.results import SequenceResult, Timing
-from mien.evaluation.run import frame_errors, run_sequence, time_sequence, worst_frames
+from mien.evaluation.run import run_sequence, time_sequence
 from mien.evaluation.scores import Score
+from mien.evaluation.worst import frame_errors, worst_frames
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks

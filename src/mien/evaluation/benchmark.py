@@ -7,7 +7,6 @@ their checksums. A failure is tried again. Timings are measured after everything
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -21,7 +20,7 @@ from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence as DataSequence
 from mien.evaluation.isolate import Command, run_commands
 from mien.evaluation.job import Job
-from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays
+from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
 
@@ -78,16 +77,6 @@ def run_plan(
     )
     run([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1)
     return evaluation
-
-
-def result_path(out: Path, tracker: str, sequence: str) -> Path:
-    """Where the result of a tracker (its label) on a sequence is."""
-    return out / "tracks" / _folder(tracker) / f"{sequence}.npz"
-
-
-def timing_path(out: Path, tracker: str, sequence: str) -> Path:
-    """Where the timing of a tracker (its label) on a sequence is."""
-    return out / "timing" / _folder(tracker) / f"{sequence}.json"
 
 
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
@@ -220,10 +209,6 @@ def _require_same_dataset(plan: Plan) -> None:
 
 def _argument(tracker: str) -> Path:
     return Path(tracker.partition(":")[2])
-
-
-def _folder(tracker: str) -> str:
-    return re.sub(r"[^\w.-]+", "-", tracker)
 
 
 @cache

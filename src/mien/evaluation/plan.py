@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,21 @@ def label(tracker: str) -> str:
 def replays(tracker: str) -> bool:
     """Whether it reads what was computed elsewhere, so that its time says nothing."""
     return tracker.partition(":")[0] == "openface"
+
+
+def result_path(out: Path, tracker: str, sequence: str) -> Path:
+    """Where the result of a tracker (its label) on a sequence is."""
+    return out / "tracks" / file_name(tracker) / f"{sequence}.npz"
+
+
+def timing_path(out: Path, tracker: str, sequence: str) -> Path:
+    """Where the timing of a tracker (its label) on a sequence is."""
+    return out / "timing" / file_name(tracker) / f"{sequence}.json"
+
+
+def file_name(tracker: str) -> str:
+    """A tracker's label as part of a path."""
+    return re.sub(r"[^\w.-]+", "-", tracker)
 
 
 def command_of(plan: Plan) -> str:

@@ -16,19 +16,14 @@ from pydantic import BaseModel
 
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Sequence, Truth
-from mien.evaluation.metrics import landmark_rms
-from mien.evaluation.points12 import points_of_names, points_of_scheme
-from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
+from mien.evaluation.worst import worst_frames
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
 from mien.pipeline import FittedTracker
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Frame, open_video
-
-WORST_FRAMES = 20
-"""Frames whose pictures a result keeps: the contact sheet shows the worst twenty of all sequences."""
 
 WARM_UP_FRAMES = 2
 MAXIMUM_TIMED_FRAMES = 1000
@@ -97,27 +92,6 @@ def count_frames(video: Path) -> int:
     count = sum(1 for _ in open_video(video))
     require(count > 0, f"{video} holds no frame that decodes; leave the sequence out")
     return count
-
-
-def worst_frames(track: TrackTable, truth: Truth, count: int = WORST_FRAMES) -> tuple[int, ...]:
-    """The frames with the largest rotation error since the first frame, or landmark error where there is no
-    pose.
-    """
-    error = frame_errors(track, truth)
-    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
-    return tuple(int(i) for i in order[:count] if np.isfinite(error[i]))
-
-
-def frame_errors(track: TrackTable, truth: Truth) -> NDArray[np.float64]:
-    """(n,) degrees of rotation error, or pixels of the twelve points where there is no pose; NaN where
-    unknown.
-    """
-    if truth.has_pose and np.isfinite(track.rotation[0]).all():
-        return compare(Protocol.REBASED, truth, track.rotation).rotation_error_deg
-    points = points_of_names(track.landmarks, track.landmark_names)
-    if truth.landmarks is None or points is None:
-        return np.full(track.frames, np.nan)
-    return landmark_rms(points, points_of_scheme(truth.landmarks, truth.landmark_scheme))
 
 
 def peak_memory_mb() -> float:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.evaluation import metrics
-from mien.evaluation.benchmark import result_path, timing_path
-from mien.evaluation.plan import Evaluation
+from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.points12 import outer_eye_distance, points_of_names, points_of_scheme
 from mien.evaluation.protocols import Comparison, Protocol, compare, protocol_named
 from mien.evaluation.results import SequenceResult, Timing

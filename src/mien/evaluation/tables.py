@@ -11,29 +11,11 @@ from mien.candide.model import TRACKED_UNITS
 from mien.evaluation import metrics
 from mien.evaluation.datasets import buft
 from mien.evaluation.protocols import Protocol
+from mien.evaluation.published import REBASED_REFERENCES, TABLE_1
 from mien.evaluation.scores import Score, Scores, pooled, pooled_errors, spread_of_errors, success_rate
 from mien.geometry.rotation import Array
 
 NONE = "—"
-
-TABLE_1 = (
-    ("La Cascia et al., 2000", "75", "5.3", "5.6", "3.8", "3.9"),
-    ("Xiao et al., 2003", "100", "3.8", "3.2", "1.4", "2.8"),
-    ("Lefevre et al., 2009", "100", "4.4", "3.3", "2.0", "3.2"),
-    ("Morency et al., 2008", "100", "5.0", "3.7", "2.9", "3.9"),
-    ("Saragih et al., 2011", "100", "4.3 ± 2.2", "4.8 ± 3.3", "2.6 ± 1.4", "3.9"),
-    ("Chen et al., 2006", "91", "5.5 ± 1.7", "4.2 ± 1.5", "2.1 ± 1.0", "3.9"),
-    ("Tran et al. (the paper)", "100", "5.4 ± 2.2", "3.9 ± 1.7", "2.4 ± 1.4", "3.9"),
-)
-"""The paper's Table 1 as printed, on the uniform-light set of BUFT: P_s in per cent, E_pan, E_tilt, E_roll,
-E_avg in degrees. The first row's average is as printed; the mean of its three angles is 4.9."""
-
-REBASED_REFERENCES = (
-    ("CLM", "4.30", "2.99", "2.58", "3.29"),
-    ("CLNF (OpenFace)", "4.10", "2.76", "2.57", "3.14"),
-    ("CE-CLM (OpenFace 2)", "3.25", "2.40", "2.41", "2.69"),
-)
-"""Published for OpenFace's evaluation of BUFT: E_pan, E_tilt, E_roll and their mean in degrees."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +76,7 @@ def published_and_measured(scores: Scores) -> Table | None:
         "table1",
         "Published and measured",
         f"{threshold}{of_paper}± is the standard deviation over sequences. "
-        f"Rows of different data sets do not compare. {_coverage_of_buft(scores)}".strip(),
+        f"Rows of different data sets do not compare. {coverage_of_buft(scores)}".strip(),
         ("approach", "source", "P_s (%)", "E_pan (°)", "E_tilt (°)", "E_roll (°)", "E_m (°)"),
         tuple(rows),
     )
@@ -323,7 +305,7 @@ def _calibration_cells(chosen: Sequence[Score]) -> tuple[str, ...]:
     )
 
 
-def _coverage_of_buft(scores: Scores) -> str:
+def coverage_of_buft(scores: Scores) -> str:
     """Which of the 45 sequences are there."""
     if scores.evaluation.dataset != "buft":
         return ""
