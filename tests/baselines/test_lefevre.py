@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mien.baselines.lefevre import (
     FACE_POINTS,
@@ -16,7 +17,7 @@ from mien.baselines.lefevre import (
     robust,
     with_sides,
 )
-from mien.synthetic import moved
+from mien.synthetic import make_sequence, moved
 from mien.tracking.state import Status
 from small_motion import face, run, small_motion, turn_error_deg
 
@@ -89,3 +90,22 @@ def test_a_black_frame_is_a_lost_frame_and_is_not_learned() -> None:
     estimates = run(tracker, small_motion(blank={2}))
     assert [e.status for e in estimates[1:]] == [Status.TRACKED, Status.LOST, Status.RECOVERED]
     assert tracker.appearance.mean[tracker.appearance.known].mean() > 50
+
+
+def test_the_sides_are_collected_when_the_head_shows_them() -> None:
+    tracker = LefevreTracker(evaluations=20)
+    tracker.initialize(face().frame, face().landmarks, face().camera)
+    side = np.arange(FACE_POINTS + SIDE_POINTS) >= FACE_POINTS
+    assert not tracker.appearance.known[side].any()
+    turned = _turned(35)
+    tracker.b = turned
+    frame = make_sequence(face(), turned[None]).frames[0]
+    assert tracker.track(frame).status is Status.TRACKED
+    assert tracker.appearance.known[side].mean() == pytest.approx(0.5, abs=0.2)
+
+
+def test_it_runs_without_sides() -> None:
+    tracker = LefevreTracker(evaluations=20, side_points=0)
+    tracker.initialize(face().frame, face().landmarks, face().camera)
+    assert len(tracker.points.normals) == FACE_POINTS
+    assert tracker.track(face().frame).status is Status.TRACKED

@@ -61,12 +61,12 @@ class SurfacePoints:
     normals: Array
 
     @classmethod
-    def draw(cls, fit: FirstFrame, rng: np.random.Generator) -> SurfacePoints:
+    def draw(cls, fit: FirstFrame, rng: np.random.Generator, side_points: int = SIDE_POINTS) -> SurfacePoints:
         """Points of the fitted face, and of the sides of the head, evenly by area."""
         units = fit.model.animation_units
         vertices, fields, sides = with_sides(fit.shape, units)
         face, face_units, face_normals = _draw(vertices, fields, fit.model.triangles, FACE_POINTS, rng)
-        side, side_units, side_normals = _draw(vertices, fields, sides, SIDE_POINTS, rng)
+        side, side_units, side_normals = _draw(vertices, fields, sides, side_points, rng)
         model = LandmarkModel(np.vstack([face, side]), np.concatenate([face_units, side_units], axis=1))
         return cls(model, np.vstack([face_normals, side_normals]))
 
@@ -183,15 +183,15 @@ class LefevreTracker(CandideTracker):
 
     least_likeness = 0.4
 
-    def __init__(self, evaluations: int = 500, seed: int = 0) -> None:
+    def __init__(self, evaluations: int = 500, side_points: int = SIDE_POINTS, seed: int = 0) -> None:
         self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
-        self._seed = seed
+        self._side_points, self._seed = side_points, seed
 
     def _learn(self, frame: Frame) -> None:
         views = views_of_first_frame(frame, self.fit, self.camera, view_rotations())
         samples = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
         self.structure = PatchStatistics.learn(np.stack(samples), VARIANCE_FLOOR)
-        self.points = SurfacePoints.draw(self.fit, np.random.default_rng(self._seed))
+        self.points = SurfacePoints.draw(self.fit, np.random.default_rng(self._seed), self._side_points)
         self.appearance = Appearance.unseen(len(self.points.normals))
         self._adapt(frame)
 
