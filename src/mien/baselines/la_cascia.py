@@ -31,15 +31,19 @@ from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
 from mien.video import Frame
 
-ITERATIONS = 10
-DIFFERENCES = (0.01, 0.03)
+ITERATIONS = 12
+SMALLEST_STEP = 5e-4
+"""Radians and CANDIDE units."""
+DIFFERENCES = (0.03, 0.06)
 """Displacements (radians, CANDIDE units) whose central differences, averaged, are the warping templates."""
 MOTION_REGULARISATION = 1e-3
 """Of the six parameters, as a part of the mean of their information."""
-ILLUMINATION_SD = 400.0
+ILLUMINATION_SD = 100.0
 """Prior standard deviation of the coefficient of an illumination template of unit norm, in grey values."""
 GREY_SD = 8.0
 """Standard deviation of what is left of the texture, in grey values."""
+LEAST_COSINE = 0.45
+"""Cosine of the surface's angle to the line of sight below which nothing is trusted."""
 LEAST_CORRELATION = 0.65
 """Below it the unrolled frame is not the face's texture."""
 LEAST_CONFIDENT = 0.15
@@ -53,6 +57,17 @@ class Unrolled:
     texture: Array
     warping: Array
     illumination: Array
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A pose, the motion (6,) away from the first texture that the templates see there, the weighted mean squared
+    error of the texture in grey values squared, and its weighted correlation, both after the light is explained."""
+
+    pose: Pose
+    motion: Array
+    error: float
+    correlation: float
 
 
 class LaCasciaTracker:
@@ -94,23 +109,36 @@ class LaCasciaTracker:
     def _registered(self, frame: Frame, start: Pose) -> Pose | None:
         """The pose at which the frame shows the texture; None where it does not."""
         view = look(frame, start, self.head.camera)
-        if view is None:
+        best = None
+        for level in range(len(self.levels)):
+            best = None if view is None else self._descend(view, start if best is None else best.pose, level)
+            if best is None or not near(start, best.pose):
+                return None
+        return best.pose if best is not None and best.correlation >= LEAST_CORRELATION else None
+
+    def _descend(self, view: View, start: Pose, level: int) -> Trial | None:
+        """The best pose on the way that the templates point; a step that does not help is halved."""
+        best = self._try(view, start, level)
+        scale = 1.0
+        for _ in range(ITERATIONS):
+            if best is None or scale * np.abs(best.motion).max() < SMALLEST_STEP:
+                break
+            trial = self._try(view, displaced(best.pose, -scale * best.motion), level)
+            if trial is not None and trial.error < best.error:
+                best, scale = trial, 1.0
+            else:
+                scale *= 0.5
+        return best
+
+    def _try(self, view: View, pose: Pose, level: int) -> Trial | None:
+        """The texture at a pose against the first one; None where too little of that is in sight."""
+        now = take(self.head.surface, view, pose)
+        w = confidence(now) * self.confidence
+        if w.sum() < LEAST_CONFIDENT * (self.confidence**2).sum():
             return None
-        pose, match = start, 0.0
-        for level, unrolled in enumerate(self.levels):
-            for _ in range(ITERATIONS):
-                now = take(self.head.surface, view, pose)
-                w = np.where(now.known, confidence(now) * self.confidence, 0.0)
-                if w.sum() < LEAST_CONFIDENT * (self.confidence**2).sum():
-                    return None
-                motion, explained = solve(unrolled, now.values[level], w)
-                match = correlation(now.values[level], explained, w)
-                pose = displaced(pose, -motion)
-                if not near(start, pose):
-                    return None
-                if np.abs(motion).max() < 3e-4:
-                    break
-        return pose if match >= LEAST_CORRELATION else None
+        motion, explained = solve(self.levels[level], now.values[level], w)
+        error = float(np.average((now.values[level] - explained) ** 2, weights=w))
+        return Trial(pose, motion, error, correlation(now.values[level], explained, w))
 
     def _illumination(self, surface: Surface, texture: Array) -> Array:
         if not self.use_illumination:
@@ -155,7 +183,7 @@ def illumination_templates(surface: Surface, texture: Array, weight: Array) -> A
 
 def confidence(unrolled: Template) -> Array:
     """(N,) in [0, 1]: how much of each piece of the texture the camera sees, 0 where it sees nothing."""
-    return np.where(unrolled.known, unrolled.cosine, 0.0)
+    return np.where(unrolled.known & (unrolled.cosine > LEAST_COSINE), unrolled.cosine, 0.0)
 
 
 def solve(unrolled: Unrolled, texture: Array, w: Array) -> tuple[Array, Array]:

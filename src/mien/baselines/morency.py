@@ -101,10 +101,10 @@ class MorencyTracker:
 
     def _measure(self, view: View, start: Pose, rows: list[int]) -> list[tuple[int, Registration]]:
         """Registrations that succeeded, with the rows of their base frames. The first of them starts the others."""
-        measured = []
+        measured: list[tuple[int, Registration]] = []
         for i in rows:
             template = self._template(i)
-            r = register(self.head.surface, template, view, start, weights)
+            r = register(self.head.surface, template, view, start, weights, coarse=not measured)
             least = LEAST_CORRELATION if i == len(self.frames) - 1 else LEAST_KEYFRAME_CORRELATION
             if r is not None and r.correlation >= least:
                 measured.append((i, r))
@@ -117,7 +117,7 @@ class MorencyTracker:
 
     def _fuse(self, view: View, measured: list[tuple[int, Registration]]) -> None:
         """Kalman filter over the poses of all base frames and of this one, which becomes the previous frame."""
-        pose, P = self._predict(measured)
+        pose, P = self.pose, self._predicted_covariance()
         n = len(self.frames)
         H = np.zeros((6 * len(measured), 6 * (n + 1)))
         z, S = np.zeros(len(H)), np.zeros((len(H), len(H)))
@@ -134,15 +134,14 @@ class MorencyTracker:
         self.pose = pose.moved(step[-1])
         self._keep(BaseFrame(view, self.pose), 0.5 * (P + P.T))
 
-    def _predict(self, measured: list[tuple[int, Registration]]) -> tuple[Pose, Array]:
-        """The previous pose with the uncertainty of a step; it is linearised where the frame was registered."""
+    def _predicted_covariance(self) -> Array:
+        """That of the base frames and of this one, which is where the previous one was, give or take a step."""
         P, previous = self.covariance, slice(-6, None)
         cross = P[:, previous]
-        P = np.block([[P, cross], [cross.T, P[previous, previous] + np.diag(MOTION_SD**2)]])
-        return self.pose, P
+        return np.block([[P, cross], [cross.T, P[previous, previous] + np.diag(MOTION_SD**2)]])
 
     def _keep(self, frame: BaseFrame, P: Array) -> None:
-        """Replace the previous frame by this one, or keep the previous one's pose as a keyframe beside it."""
+        """Replace the previous frame by this one; where no other is near, this one is a keyframe besides."""
         n = len(self.frames)
         nearest = min(float(angle_between(f.pose.R, frame.pose.R)) for f in self.frames[:-1])
         if self.keyframes and nearest > np.radians(KEYFRAME_SPACING_DEG) and n < MOST_KEYFRAMES + 2:

@@ -7,6 +7,7 @@ registration moves the surface until the view under it looks like a template.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -41,6 +42,8 @@ GRAZING = 0.25
 """Cosine of the angle between normal and line of sight below which a point counts as hidden."""
 LEAST_POINTS = 100
 """A registration needs so many visible points."""
+ITERATIONS, DAMPING = 8, 1e-3
+"""Of Gauss-Newton on each level; the damping is a part of the mean of the diagonal."""
 LARGEST_TURN_DEG, LARGEST_SHIFT = 30.0, 1.0
 """A registration that moves the head further (degrees, CANDIDE units) has found something else."""
 
@@ -208,8 +211,9 @@ def compare(surface: Surface, template: Template, view: View, pose: Pose, level:
     p, _ = view.camera.project(X)
     values, inside = view.read(level, p)
     rows, X, values = rows[inside], X[inside], values[inside]
-    a = np.einsum("ni,nij->nj", values[:, 1:], view.camera.J_pixel_point(X))
-    J = np.hstack([np.cross(X - pose.t, a), a])
+    a = (values[:, 1:, None] * view.camera.J_pixel_point(X)).sum(axis=1)
+    x, y, z = (X - pose.t).T
+    J = np.column_stack([y * a[:, 2] - z * a[:, 1], z * a[:, 0] - x * a[:, 2], x * a[:, 1] - y * a[:, 0], a])
     e = template.values[level, rows] - values[:, 0]
     lesser = np.minimum(cosine[rows], template.cosine[rows])
     return Residuals(e, J, lesser, template.gradient[rows], values[:, 0], rows)
@@ -230,20 +234,22 @@ class Registration:
 
 
 def register(
-    surface: Surface, template: Template, view: View, start: Pose, weights: Weights, iterations: int = 8
+    surface: Surface, template: Template, view: View, start: Pose, weights: Weights, *, coarse: bool = True
 ) -> Registration | None:
-    """Iteratively re-weighted Gauss-Newton from coarse to fine; None where too little is visible or it fails."""
+    """Iteratively re-weighted Gauss-Newton from coarse to fine; None where too little is visible or it fails.
+
+    Without `coarse` the finest level alone, for a start that is already good.
+    """
     pose = start
-    damping = np.diag([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
-    for level in range(len(view.levels)):
-        for _ in range(iterations):
+    for level in range(0 if coarse else len(view.levels) - 1, len(view.levels)):
+        for _ in range(ITERATIONS):
             r = compare(surface, template, view, pose, level)
             if len(r.e) < LEAST_POINTS:
                 return None
             w = weights(r)
             WJ = r.J * w[:, None]
             H = r.J.T @ WJ
-            H += damping * np.trace(H) / 6
+            H += DAMPING * np.trace(H) / 6 * np.eye(6)
             step = np.linalg.solve(H, WJ.T @ r.e)
             pose = pose.moved(step)
             if not near(start, pose):
@@ -263,7 +269,7 @@ def register(
 def near(start: Pose, pose: Pose) -> bool:
     """Whether the head can have moved so between two frames."""
     turn, shift = float(angle_between(start.R, pose.R)), float(np.abs(pose.t - start.t).max())
-    return turn < np.radians(LARGEST_TURN_DEG) and shift < LARGEST_SHIFT * max(1.0, 0.1 * start.t[2])
+    return turn < math.radians(LARGEST_TURN_DEG) and shift < LARGEST_SHIFT * max(1.0, 0.1 * float(start.t[2]))
 
 
 def correlation(a: Array, b: Array, w: Array) -> float:

@@ -1,0 +1,54 @@
+"""A rigid head that leaves the image is lost, and found again where it comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.baselines.la_cascia import LaCasciaTracker
+from mien.baselines.morency import MorencyTracker
+from mien.baselines.rigid_head import RigidHead
+from mien.baselines.surface import Pose, cylinder
+from mien.baselines.xiao import XiaoTracker
+from mien.geometry.rotation import FACING, exp
+from mien.synthetic import make_sequence, moved
+from mien.tracking.state import Status, Tracker
+from small_motion import face, run
+
+
+@pytest.fixture(scope="module")
+def head() -> RigidHead:
+    return RigidHead.of(face().frame, face().fit, face().camera, cylinder(face().fit))
+
+
+def test_the_face_is_found_where_it_is(head: RigidHead) -> None:
+    shift = np.array([[0.7, -0.3, 0.0]])
+    sequence = make_sequence(face(), moved(face(), np.zeros((1, 3)), shift, np.zeros((1, 6))))
+    found = head.relocated(sequence.frames[0])
+    np.testing.assert_allclose(found.t, sequence.t[0], atol=0.08)
+    np.testing.assert_allclose(found.R, face().fit.R)
+
+
+def test_a_head_is_out_of_sight_outside_the_image_and_from_behind(head: RigidHead) -> None:
+    aside, behind = np.array([5.0, 0, 0]), exp(np.array([0, 2.5, 0]))
+    t = face().fit.t
+    assert head.in_sight(face().frame, head.first)
+    assert not head.in_sight(face().frame, Pose(FACING, t + aside))
+    assert not head.in_sight(face().frame, Pose(behind @ FACING, t))
+    assert "left the image" in head.lost(face().frame, Pose(FACING, t + aside)).reason
+
+
+@pytest.mark.parametrize(
+    "tracker", [LaCasciaTracker(), XiaoTracker(), MorencyTracker()], ids=lambda t: type(t).__name__
+)
+def test_a_face_that_leaves_the_image_is_lost_and_found_again(tracker: Tracker) -> None:
+    across = [0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, 2.4, 1.6, 0.8, 0, 0, 0]
+    shift = np.outer(across, [1.0, 0, 0])
+    n = len(shift)
+    sequence = make_sequence(face(), moved(face(), np.zeros((n, 3)), shift, np.zeros((n, 6))))
+    estimates = run(make(), sequence)
+    lost = [e for e in estimates if e.status is Status.LOST]
+    assert lost
+    assert all(e.rotation is None and e.reason for e in lost)
+    assert estimates[-1].translation is not None
+    np.testing.assert_allclose(estimates[-1].translation, face().fit.t, atol=0.15)
