@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -38,10 +40,8 @@ def test_a_head_is_out_of_sight_outside_the_image_and_from_behind(head: RigidHea
     assert "left the image" in head.lost(face().frame, Pose(FACING, t + aside)).reason
 
 
-@pytest.mark.parametrize(
-    "tracker", [LaCasciaTracker(), XiaoTracker(), MorencyTracker()], ids=lambda t: type(t).__name__
-)
-def test_a_face_that_leaves_the_image_is_lost_and_found_again(tracker: Tracker) -> None:
+@pytest.mark.parametrize("make", [LaCasciaTracker, XiaoTracker, MorencyTracker])
+def test_a_face_that_leaves_the_image_is_lost_and_found_again(make: Callable[[], Tracker]) -> None:
     across = [0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, 2.4, 1.6, 0.8, 0, 0, 0]
     shift = np.outer(across, [1.0, 0, 0])
     n = len(shift)
