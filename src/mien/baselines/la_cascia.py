@@ -11,7 +11,7 @@ angle of the surface the weights; the motion part corrects the pose.
 
 Simplifications: the illumination templates of the paper are the principal components of a corpus of faces
 under many lights. There is no corpus here: they are the texture times the lowest harmonics of the cylinder's
-normals and of the height, made orthogonal, which is what a smooth light does to a matt cylinder. The radius
+normals, made orthogonal, which is what any distant light does to a matt cylinder. The radius
 and first pose of the cylinder come from the fitted CANDIDE instead of a face detector's window, and a lost
 head is searched for by the normalised correlation of the first face.
 """
@@ -172,12 +172,15 @@ def warping_templates(surface: Surface, view: View, pose: Pose) -> Array:
 
 
 def illumination_templates(surface: Surface, texture: Array, weight: Array) -> Array:
-    """(N, 10) orthonormal under the weights: the texture in light that varies smoothly over the cylinder."""
-    a, h = surface.angle, surface.height
-    light = [1 + 0 * a, np.cos(a), np.sin(a), np.cos(2 * a), np.sin(2 * a)]
-    light += [h, h * np.cos(a), h * np.sin(a), h**2, h**2 * np.sin(a)]
+    """(N, 5) orthonormal under the weights: the texture times the light that a matt cylinder can be in.
+
+    R. Basri, D. W. Jacobs 2003: nine harmonics of the normal make up almost any distant light on a matt surface;
+    on an upright cylinder five of them differ.
+    """
+    a = surface.angle
+    light = np.column_stack([np.ones_like(a), np.cos(a), np.sin(a), np.cos(2 * a), np.sin(2 * a)])
     root = np.sqrt(weight + 1e-6)
-    Q, _ = np.linalg.qr(root[:, None] * np.column_stack(light) * texture[:, None])
+    Q, _ = np.linalg.qr(root[:, None] * light * texture[:, None])
     return np.asarray(Q / root[:, None])
 
 
