@@ -45,3 +45,37 @@ class PaperSettings(Settings):
     simplex_spread: float = Field(0.5, gt=0, description="initial simplex, in standard deviations of the prior")
     simplex_evaluations: int = Field(500, ge=13)
     seed: int = 0
+
+
+class RealtimeSettings(Settings):
+    """The tracker for use: gradient optimisation, appearance by pose, shape that is learned, visibility."""
+
+    preset: Literal["realtime"] = "realtime"
+    descriptor: DescriptorSettings = DescriptorSettings(pixels_per_unit=64.0, cell=4, blur=0.8)
+    coarse: DescriptorSettings = DescriptorSettings(pixels_per_unit=32.0, cell=5, blur=0.8)
+    view_limit_deg: float = Field(40.0, gt=0, description="tilt and pan of the rendered views")
+    views_per_angle: int = Field(9, ge=4)
+    rank: int = Field(16, ge=0, description="dimensions of the covariance beyond its floor")
+    floor: float = Field(4e-3, gt=0, description="variance of a descriptor's entry in every direction")
+    iterations: int = Field(12, ge=1)
+    tolerance: float = Field(0.05, gt=0, description="least gain of an iteration, in units of the energy")
+    robust_factor: float = Field(1.0, gt=0, description="distance, over the expected one, at which trust is halved")
+    expected_distance: float = Field(25.0, gt=0, description="squared distance of a landmark, until measured")
+    expectation_rate: float = Field(0.02, ge=0, lt=1)
+    retry_distance: float = Field(2.5, gt=0, description="distance over the expected one that asks for a coarse search")
+    velocity: float = Field(0.7, ge=0, le=1, description="share of the last motion that is predicted to go on")
+    prior_rotation_deg: float = Field(5.0, gt=0)
+    prior_translation: float = Field(0.2, gt=0)
+    prior_depth: float = Field(0.3, gt=0)
+    prior_animation: float = Field(0.2, gt=0)
+    rest_animation: float = Field(0.4, gt=0, description="standard deviation of the animation from the first frame's")
+    hidden_cosine: float = Field(0.25, description="cosine between normal and ray below which a landmark is hidden")
+    learn_shape: bool = True
+    relief_sd: float = Field(0.15, ge=0, description="relative standard deviation of the depth of the whole face")
+    depth_sd: float = Field(0.05, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
+    lateral_sd: float = Field(0.006, gt=0, description="the same across the ray of the first frame")
+    location_sd: float = Field(0.1, gt=0, description="systematic error of a landmark in pixels of the crop")
+    appearance_angle_sd_deg: float = Field(30.0, gt=0, description="systematic error of the angles a patch shows")
+    shape_rate: float = Field(1.0, ge=0, description="share of a frame's information that is independent")
+    shape_bin_deg: float = Field(5.0, gt=0, description="poses this near repeat each other's errors")
+    forgetting: float = Field(0.0, ge=0, lt=1, description="alpha of Eq. (7)")

@@ -7,27 +7,37 @@ import numpy as np
 
 from mien.appearance.rendering import Texture
 from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.video import Frame
 
 
 def texture_from_frame(
+    frame: Frame, fit: FirstFrame, camera: Camera, *, color: bool = False, pixels_per_unit: float | None = None
+) -> Texture:
+    """Texture of the fitted CANDIDE, grey (one channel) unless colour is asked for."""
+    vertices = fit.vertices() @ fit.R.T + fit.t
+    return texture_of_vertices(frame, vertices, float(fit.t[2]), camera, pixels_per_unit, color=color)
+
+
+def texture_of_vertices(
     frame: Frame,
-    fit: FirstFrame,
+    vertices: Array,
+    distance: float,
     camera: Camera,
+    pixels_per_unit: float | None = None,
     *,
     color: bool = False,
-    pixels_per_unit: float | None = None,
 ) -> Texture:
-    """Texture of the fitted face, grey (one channel) unless colour is asked for.
+    """Texture of a mesh (V, 3) in camera axes, at a distance, on the frame that shows it.
 
     pixels_per_unit: the resolution at which it will be drawn; a frame of more than twice that is shrunk first,
     so that drawing it does not alias.
     """
-    uv, _ = camera.project(fit.vertices() @ fit.R.T + fit.t)
+    uv, _ = camera.project(vertices)
     pixels = frame.pixels if color else frame.gray
     if pixels_per_unit is not None:
-        factor = int(camera.focal_px / fit.t[2] / pixels_per_unit)
+        factor = int(camera.focal_px / distance / pixels_per_unit)
         if factor >= 2:
             size = (pixels.shape[1] // factor, pixels.shape[0] // factor)
             pixels = cv2.resize(pixels[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)

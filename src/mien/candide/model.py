@@ -84,6 +84,15 @@ class Candide:
         rows = [self.animation_unit_names.index(n) for n in names]
         return replace(self, animation_unit_names=names, animation_units=self.animation_units[rows])
 
+    def turned(self, R: Array) -> Candide:
+        """The same face in other axes: every vertex and unit multiplied by a rotation R (3, 3)."""
+        return replace(
+            self,
+            mean=self.mean @ R.T,
+            shape_units=self.shape_units @ R.T,
+            animation_units=self.animation_units @ R.T,
+        )
+
     def index(self, name: str) -> int:
         """Index of the vertex with this name."""
         require(name in self.vertex_names, f"the model has no vertex named {name!r}")

@@ -7,16 +7,16 @@ maximum of a posterior with Gaussian landmarks, robust to outliers, and the shap
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from mien.candide.model import Candide, mm_per_unit
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp, hat, left_jacobian
 from mien.initialization.landmarks import Landmarks
 from mien.initialization.posit import posit
-from mien.initialization.shape_prior import ShapePrior, default_prior
+from mien.initialization.shape_prior import ShapePrior, shape_prior
 
 LANDMARK_SD = 0.012
 """Standard deviation of a landmark's image position, as a length on the face in CANDIDE units."""
@@ -24,6 +24,9 @@ DEPTH_SD = 0.03
 """The same for a landmark's relative depth, where the source estimates one."""
 ANIMATION_SD = 0.2
 """Prior standard deviation of the animation units on the first frame, which is mostly neutral."""
+LEAN_DEG = 2.0
+"""CANDIDE's z axis points this much further up than that of 3D head models: measured on three subjects, whose
+heads differ among themselves by as much (docs/method.md)."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,22 @@ class FirstFrame:
         return np.asarray(self.shape + np.tensordot(a, self.model.animation_units, axes=1))
 
 
+@cache
+def tracked_model() -> tuple[Candide, ShapePrior]:
+    """CANDIDE with the six units of the state, upright, and the prior of its shape."""
+    model = Candide.default().with_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
+    return model, shape_prior(model)
+
+
 def fit_first_frame(landmarks: Landmarks, camera: Camera) -> FirstFrame:
     """Fit CANDIDE, with the six units that are tracked, to the landmarks of the first frame."""
-    model, prior = Candide.default().with_units(), default_prior()
+    model, prior = tracked_model()
     vertices, points, depths = landmarks.correspondences()
     R, t = posit(model.mean[vertices], points, camera)
     problem = _Problem(camera, prior, model.animation_units, vertices, points, depths, R, float(t[2]))
     x0 = np.zeros(problem.size)
     x0[3:6] = t
-    x = least_squares(problem.residuals, x0, problem.jacobian, loss="soft_l1", method="trf", x_scale=1.0).x
+    x = _minimize(problem, x0)
     R_fit = exp(x[:3]) @ R
     shape = prior.vertices(x[problem.shape_slice])
     distance = np.linalg.norm(problem.image(x)[0] - points, axis=1)
@@ -83,6 +93,27 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera) -> FirstFrame:
         model=model,
         prior=prior,
     )
+
+
+def _minimize(problem: _Problem, x: Array, iterations: int = 30) -> Array:
+    """Levenberg-Marquardt on the robust (pseudo-Huber) sum of squares."""
+    damping = 1e-4
+    r = problem.residuals(x)
+    for _ in range(iterations):
+        J = problem.jacobian(x)
+        # Weights of rho(s) = 2 (sqrt(1 + s) - 1); the prior's own rows, at the end, stay quadratic.
+        w = np.where(np.arange(len(r)) < problem.measurements, 1 / np.sqrt(1 + r * r), 1.0)
+        H, g = (J.T * w) @ J, J.T @ (w * r)
+        step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
+        candidate = problem.residuals(x + step)
+        if problem.cost(candidate) < problem.cost(r):
+            gain = problem.cost(r) - problem.cost(candidate)
+            x, r, damping = x + step, candidate, 0.1 * damping
+            if gain < 1e-4:
+                break
+        else:
+            damping *= 30
+    return x
 
 
 class _Problem:
@@ -107,6 +138,16 @@ class _Problem:
         self.animation_slice, self.shape_slice = slice(6, 6 + a), slice(6 + a, 6 + a + m)
         self.pixels_per_unit = camera.focal_px / distance
         self.size = 6 + a + m + (0 if depths is None else 1)
+
+    @property
+    def measurements(self) -> int:
+        """Rows that are measured; the rest is the prior."""
+        return len(self.points) * (2 if self.depths is None else 3)
+
+    def cost(self, r: Array) -> float:
+        """Robust sum of squares of residuals."""
+        measured, prior = r[: self.measurements], r[self.measurements :]
+        return float((2 * (np.sqrt(1 + measured**2) - 1)).sum() + (prior**2).sum())
 
     def camera_points(self, x: Array) -> tuple[Array, Array]:
         """Points (n, 3) in camera axes and the same without translation."""

@@ -8,7 +8,6 @@ what is not seen (depth, in a frontal view) stays uncertain instead of wrong.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -43,12 +42,6 @@ class ShapePrior:
         return np.asarray(c[: len(self.unit_sd)] * self.unit_sd)
 
 
-@cache
-def default_prior() -> ShapePrior:
-    """The prior over the model of the package."""
-    return shape_prior(Candide.default())
-
-
 def shape_prior(model: Candide) -> ShapePrior:
     """Prior of a model: its shape units and smooth fields between them."""
     largest = np.linalg.norm(model.shape_units, axis=2).max(axis=1)
@@ -64,7 +57,7 @@ def _smooth_fields(vertices: Array) -> Array:
         for parity in (1.0, -1.0):
             # A field is symmetric when x mirrors with the side and y, z do not.
             sign = parity * (-1.0 if axis == 0 else 1.0)
-            K = 0.5 * (_kernel(vertices, vertices) + sign * _kernel(vertices, vertices * [-1, 1, 1]))
+            K = 0.5 * (proximity(vertices, vertices) + sign * proximity(vertices, vertices * [-1, 1, 1]))
             sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)
             values, vectors = np.linalg.eigh(K)
             kept = values > 0.02
@@ -75,6 +68,7 @@ def _smooth_fields(vertices: Array) -> Array:
     return np.concatenate(fields)
 
 
-def _kernel(a: Array, b: Array) -> Array:
+def proximity(a: Array, b: Array) -> Array:
+    """exp(-|a - b|^2 / 2 l^2) of points (m, 3) and (n, 3): (m, n), how much their displacements agree."""
     squared = ((a[:, None] - b[None]) ** 2).sum(axis=2)
     return np.asarray(np.exp(-0.5 * squared / FIELD_LENGTH**2))

@@ -1,0 +1,88 @@
+"""The surface that is rendered for learning: the face of the first frame and what surrounds it.
+
+CANDIDE's 113 vertices are too few for the relief of a patch around a landmark. Where the first frame's landmarks
+come with depths they are a surface themselves, of 468 points; otherwise CANDIDE is drawn. A skirt behind the
+outline carries the first frame's surroundings along, so that patches at the chin and the brows do not look into
+an empty background.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import ConvexHull, Delaunay
+
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import Landmarks
+
+_SKIRT = ((0.12, 0.12), (0.3, 0.5))
+"""Rings around the outline: distance outwards and backwards in CANDIDE units."""
+_MESH_POINTS = 468  # the points of MediaPipe's face mesh; the ten after them are the irises
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Vertices (V, 3) in camera axes on the first frame, triangles (T, 3), the first `face` of V are the face."""
+
+    vertices: Array
+    triangles: NDArray[np.intp]
+    face: int
+
+
+def face_surface(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Surface:
+    """The surface of the first frame's face in camera axes."""
+    if landmarks.depths is None:
+        vertices, triangles = fit.vertices() @ fit.R.T + fit.t, fit.model.triangles
+    else:
+        vertices = _from_depths(landmarks, fit, camera)
+        triangles = np.asarray(Delaunay(camera.project(vertices)[0]).simplices, dtype=np.intp)
+    return _with_skirt(vertices, triangles, camera)
+
+
+def on_surface(points: Array, surface: Surface, camera: Camera) -> Array:
+    """Points (n, 3) in camera axes moved along their rays onto the face; left where it does not reach them."""
+    face = surface.vertices[: surface.face]
+    depth = LinearNDInterpolator(camera.project(face)[0], face[:, 2])(camera.project(points)[0])
+    depth = np.where(np.isnan(depth), points[:, 2], depth)
+    return np.asarray(points * (depth / points[:, 2])[:, None])
+
+
+def _from_depths(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Array:
+    """The landmarks themselves, their relative depths anchored to the fitted model."""
+    assert landmarks.depths is not None
+    known, _, depths = landmarks.correspondences()
+    assert depths is not None
+    unit = float(fit.t[2]) / camera.focal_px  # CANDIDE units in a pixel at the distance of the face
+    fitted = (fit.vertices()[known] @ fit.R.T + fit.t)[:, 2]
+    Z = np.median(fitted - depths * unit) + landmarks.depths[:_MESH_POINTS] * unit
+    ray = (landmarks.points[:_MESH_POINTS] - [camera.cx, camera.cy]) / camera.focal_px
+    return np.column_stack([ray * Z[:, None], Z])
+
+
+def _with_skirt(vertices: Array, triangles: NDArray[np.intp], camera: Camera) -> Surface:
+    outline = ConvexHull(camera.project(vertices)[0]).vertices
+    ring = vertices[outline]
+    outwards = ring - vertices.mean(axis=0)
+    outwards[:, 2] = 0
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    parts, strips, inner = [vertices], [triangles], outline
+    for distance, backwards in _SKIRT:
+        outer = sum(len(p) for p in parts) + np.arange(len(ring))
+        parts.append(ring + outwards * distance + [0, 0, backwards])
+        after_inner, after_outer = np.roll(inner, -1), np.roll(outer, -1)
+        strips += [np.column_stack([inner, after_inner, outer]), np.column_stack([after_inner, after_outer, outer])]
+        inner = outer
+    all_vertices = np.concatenate(parts)
+    return Surface(all_vertices, _facing(all_vertices, np.concatenate(strips), camera), len(vertices))
+
+
+def _facing(vertices: Array, triangles: NDArray[np.intp], camera: Camera) -> NDArray[np.intp]:
+    """Order the corners so that every surface faces the camera that saw the first frame."""
+    a, b, c = (camera.project(vertices)[0][triangles[:, k]] for k in range(3))
+    away = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
+    return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)

@@ -1,0 +1,115 @@
+"""Training of the real-time tracker: from the first frame to the appearance of its landmarks by pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from mien.appearance.crop import Crop, Float32, blurred
+from mien.appearance.descriptors import describe, orientation_maps
+from mien.appearance.regression import PoseRegression
+from mien.appearance.rendering import render, vertex_normals
+from mien.appearance.surface import Surface, face_surface, on_surface
+from mien.appearance.texture import texture_of_vertices
+from mien.appearance.views import CENTRE, crop_of_face, rotation
+from mien.config import DescriptorSettings, RealtimeSettings
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.kernels import polynomial
+from mien.video import Frame
+
+CROP_UNITS = 2.4
+"""Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """One resolution of the appearance: how the crop is made, and what its descriptors look like by pose."""
+
+    descriptor: DescriptorSettings
+    size: int
+    appearance: PoseRegression
+
+    def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
+        """The crop of a frame that holds a face at a pose, upright for the face."""
+        return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
+
+    def maps(self, frame: Frame, crop: Crop) -> Float32:
+        """Orientation maps of a frame's crop."""
+        return orientation_maps(crop.sample(frame.pixels, self.descriptor.blur), self.descriptor.cell)
+
+
+@dataclass(frozen=True)
+class LearnedFace:
+    """What training gives: neutral landmarks (n, 3) and their normals (n, 3) in head axes, coarse and fine levels."""
+
+    neutral: Array
+    normals: Array
+    coarse: Level
+    fine: Level
+
+
+def learn_face(
+    frame: Frame, landmarks: Landmarks, fit: FirstFrame, camera: Camera, vertices: list[int], settings: RealtimeSettings
+) -> LearnedFace:
+    """Render the first frame's face from a grid of tilts and pans and regress the descriptors on them."""
+    surface = face_surface(landmarks, fit, camera)
+    points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
+    normals = _normals_at(points, surface, camera) @ fit.R
+    posed = _PosedFace(frame, surface, (points - fit.t) @ fit.R, normals, fit, camera)
+    coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
+    neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
+    return LearnedFace(neutral, normals, coarse, fine)
+
+
+@dataclass(frozen=True)
+class _PosedFace:
+    """The first frame's face: points and normals (n, 3) in head axes."""
+
+    frame: Frame
+    surface: Surface
+    points: Array
+    normals: Array
+    fit: FirstFrame
+    camera: Camera
+
+
+def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -> Level:
+    fit, triangles = face.fit, face.surface.triangles
+    distance = float(fit.t[2])
+    texture = texture_of_vertices(face.frame, face.surface.vertices, distance, face.camera, d.pixels_per_unit)
+    head = (face.surface.vertices - fit.t) @ fit.R
+    size = round(CROP_UNITS * d.pixels_per_unit)
+    # The head stands on the optical axis: what a view shows depends on the ray to the head, not on its place.
+    view = Camera.centred(d.pixels_per_unit * distance, size, size)
+    background = float(texture.image.mean())
+    limit = float(np.radians(s.view_limit_deg))
+    samples, terms, visible = [], [], []
+    for tilt, pan in product(np.linspace(-limit, limit, s.views_per_angle), repeat=2):
+        R = rotation(tilt, pan, 0.0)
+        t = np.array([0, 0, distance]) - R @ CENTRE
+        image = render(head @ R.T + t, triangles, texture, view, size, size, background).image[:, :, 0]
+        points = face.points @ R.T + t
+        maps = orientation_maps(blurred(image, d.blur), d.cell)
+        samples.append(describe(maps, view.project(points)[0], d.cell))
+        terms.append(polynomial(tilt, pan, limit)[0])
+        visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
+    appearance = PoseRegression.learn(np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank)
+    return Level(d, size, appearance)
+
+
+def facing_cosine(X: Array, normals: Array) -> Array:
+    """Cosine (n,) of the angle between normals (n, 3) and the rays from points X (n, 3) back to the camera."""
+    return np.asarray(-(X * normals).sum(axis=1) / np.linalg.norm(X, axis=1))
+
+
+def _normals_at(points: Array, surface: Surface, camera: Camera) -> Array:
+    """Normals (n, 3) in camera axes of the face's vertices that are nearest to the points in the image."""
+    face = surface.vertices[: surface.face]
+    normals = vertex_normals(surface.vertices, surface.triangles)[: surface.face]
+    p, q = camera.project(face)[0], camera.project(points)[0]
+    return np.asarray(normals[((q[:, None] - p[None]) ** 2).sum(axis=2).argmin(axis=1)])

@@ -1,0 +1,179 @@
+"""The tracker for use: the posterior of the paper, minimised by its gradient, with what the paper lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mien.appearance.descriptors import Float32
+from mien.appearance.views import CENTRE
+from mien.config import RealtimeSettings
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array, exp, log
+from mien.initialization.fit import fit_first_frame
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.tracking import kernels
+from mien.tracking.learning import Level, facing_cosine, learn_face
+from mien.tracking.prior import state_sd
+from mien.tracking.shape import ShapePosterior
+from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
+from mien.video import Frame
+
+VERTICES = list(LANDMARK_VERTICES.values())
+
+
+@dataclass(frozen=True)
+class Pose:
+    """State of Eq. (2) with its rotation as a matrix: R (3, 3) head -> camera, t (3,), animation (6,)."""
+
+    R: Array
+    t: Array
+    animation: Array
+
+    def moved(self, step: Array) -> Pose:
+        """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
+        return Pose(exp(step[:3]) @ self.R, self.t + step[3:6], self.animation + step[6:])
+
+    def step_to(self, other: Pose) -> Array:
+        """The step (12,) that leads to another pose."""
+        return np.concatenate([log(other.R @ self.R.T), other.t - self.t, other.animation - self.animation])
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The lowest point of Eq. (9) that a search found, with what was seen there; see `kernels.solve`."""
+
+    pose: Pose
+    energy: float
+    H: Array
+    y: Float32
+    M: Array
+    g: Array
+    d2: Array
+    B: Array
+    w: Array
+    facing: Mask
+
+    def misfit(self, expected: Array) -> float:
+        """Median, over the landmarks that face the camera, of the squared distance over the expected one."""
+        return float(np.median((self.d2 / expected)[self.facing])) if self.facing.any() else np.inf
+
+
+class RealtimeTracker:
+    """Bayesian tracker with a pose-dependent appearance and a shape that is learned while tracking."""
+
+    def __init__(self, settings: RealtimeSettings | None = None) -> None:
+        self.settings = settings or RealtimeSettings()
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """Fit the first frame and learn the appearance of its landmarks."""
+        s = self.settings
+        landmarks.check(frame.width, frame.height)
+        self.camera = camera
+        self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy])
+        self.fit = fit_first_frame(landmarks, camera)
+        self.face = learn_face(frame, landmarks, self.fit, camera, VERTICES, s)
+        self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
+        self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
+        self.neutral = self.face.neutral
+        self.shape = ShapePosterior(self.neutral, self.fit.R, self.fit.t, s)
+        n = len(VERTICES)
+        self.adapted = np.zeros((n, 128), np.float32)
+        self.expected = np.full(n, s.expected_distance)
+        self.information = np.diag(
+            1 / state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation) ** 2
+        )
+        self.rest_information = np.full(6, 1 / s.rest_animation**2)
+        angle = np.radians(s.appearance_angle_sd_deg)
+        self.precision = 1 / np.array([s.location_sd, s.location_sd, angle, angle]) ** 2
+        self.velocity = np.zeros(12)
+        return self._estimate(frame, Status.INITIALIZED, np.ones(n), np.zeros(n), None)
+
+    def track(self, frame: Frame) -> Estimate:
+        """Predict, minimise Eq. (9), learn."""
+        s = self.settings
+        solution = self._search(frame)
+        self.velocity = self.pose.step_to(solution.pose)
+        self.velocity[6:] = 0  # a face that moves goes on moving, an expression stops
+        self.pose = solution.pose
+        if solution.misfit(self.expected) < s.retry_distance:
+            self._learn(solution)
+        return self._estimate(frame, Status.TRACKED, solution.facing.astype(float), solution.d2, solution.H)
+
+    def mesh(self, estimate: Estimate) -> Array | None:
+        """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
+        if estimate.rotation is None or estimate.translation is None:
+            return None
+        return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+
+    def _search(self, frame: Frame) -> Solution:
+        """The best solution near the prediction; where it does not look like the face, coarse to fine."""
+        s = self.settings
+        predicted = self.pose.moved(s.velocity * self.velocity)
+        best = self._solve(self.face.fine, frame, predicted, predicted)
+        if best.misfit(self.expected) > s.retry_distance:
+            for start in (predicted, self.pose):
+                coarse = self._solve(self.face.coarse, frame, start, predicted)
+                fine = self._solve(self.face.fine, frame, coarse.pose, predicted)
+                best = min(best, fine, key=lambda solution: solution.energy)
+        return best
+
+    def _solve(self, level: Level, frame: Frame, start: Pose, predicted: Pose) -> Solution:
+        """Levenberg-Marquardt at one resolution. What faces the camera is frozen at the start."""
+        s, appearance = self.settings, level.appearance
+        crop = level.crop(start.R, start.t, self.camera)
+        facing = facing_cosine(self._posed(start), self.face.normals @ start.R.T) > s.hidden_cosine
+        offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
+        R, t, a, energy, H, y, M, g, d2, B, w, _ = kernels.solve(
+            start.R, start.t, start.animation, level.maps(frame, crop), level.descriptor.cell,
+            (self.neutral, self.units),
+            (appearance.coefficients, self.adapted, appearance.U, appearance.gain, appearance.inverse_floor,
+             appearance.limit, self.precision),
+            facing.astype(np.float64), s.robust_factor * self.expected,
+            (predicted.R, predicted.t, predicted.animation, self.information, self.fit.animation,
+             self.rest_information),
+            (self.camera_vector, crop.linear, offset, ray_rotation(start.R @ CENTRE + start.t)),
+            s.iterations, s.tolerance,
+        )  # fmt: skip
+        return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, facing)
+
+    def _learn(self, solution: Solution) -> None:
+        s = self.settings
+        R, t = self.pose.R, self.pose.t
+        w, facing = solution.w, solution.facing
+        trusted = facing & (w > 0.25)
+        self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
+        tilt, pan, _ = kernels.view_angles(ray_rotation(R @ CENTRE + t).T @ R @ FACING)
+        if s.forgetting:
+            appearance = self.face.fine.appearance
+            mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0])
+            rate = (s.forgetting * w * facing)[:, None].astype(np.float32)
+            self.adapted += rate * (solution.y - mean - self.adapted)  # Eq. (7), about the mean of this pose
+        if s.learn_shape:
+            novelty = self.shape.novelty(tilt, pan)
+            regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
+            Lambda, gradient = kernels.shape_information(
+                solution.B, solution.M, solution.g, novelty * w, R, regularizer
+            )  # fmt: skip
+            self.neutral = self.shape.add(self.neutral, Lambda, gradient)
+
+    def _posed(self, pose: Pose) -> Array:
+        """Landmarks (n, 3) in camera axes."""
+        return np.asarray((self.neutral + np.tensordot(pose.animation, self.units, axes=1)) @ pose.R.T + pose.t)
+
+    def _estimate(self, frame: Frame, status: Status, visibility: Array, d2: Array, H: Array | None) -> Estimate:
+        X = self._posed(self.pose)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, visibility, np.sqrt(d2))
+        covariance = None if H is None else np.linalg.inv(H)
+        return Estimate(
+            frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
+            1.0, self.fit.mm_per_unit,
+        )  # fmt: skip
+
+
+def ray_rotation(X: Array) -> Array:
+    """Shortest rotation (3, 3) that turns the optical axis into the ray to a point X (3,) in camera axes."""
+    x, y, z = X / np.linalg.norm(X)
+    k = 1 / (1 + z)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])

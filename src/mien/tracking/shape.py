@@ -1,0 +1,61 @@
+"""Shape as a latent variable: a Gaussian over the landmarks' positions that every frame sharpens.
+
+The depth of a face cannot be seen in one frontal frame, and it rules the error of the pose. Each frame adds
+the information of its own measurements with pose and animation marginalised (an information filter); frames of
+nearly the same pose repeat each other's systematic errors and count for less and less.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import Array
+from mien.initialization.shape_prior import proximity
+
+
+class ShapePosterior:
+    """Information form of a Gaussian over n landmarks' positions (n, 3), head axes, CANDIDE units."""
+
+    def __init__(self, neutral: Array, R: Array, t: Array, settings: RealtimeSettings) -> None:
+        self.settings = settings
+        self.start = neutral.copy()
+        covariance = prior_covariance(neutral, R, t, settings)
+        self.information = np.linalg.inv(covariance)
+        self.vector = np.zeros(neutral.size)
+        self.seen: dict[tuple[int, int], int] = {}
+
+    def novelty(self, tilt: float, pan: float) -> float:
+        """How much of a frame's information at this pose (radians) is new, in [0, 1]; counts the frame."""
+        key = (self._bin(tilt), self._bin(pan))
+        count = self.seen.get(key, 0)
+        self.seen[key] = count + 1
+        return self.settings.shape_rate / (1 + count)
+
+    def add(self, neutral: Array, Lambda: Array, gradient: Array) -> Array:
+        """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
+        self.information += Lambda
+        self.vector += Lambda @ (neutral - self.start).ravel() - gradient
+        return self.start + np.linalg.solve(self.information, self.vector).reshape(-1, 3)
+
+    def _bin(self, angle: float) -> int:
+        return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)
+
+
+def prior_covariance(neutral: Array, R: Array, t: Array, settings: RealtimeSettings) -> Array:
+    """(3n, 3n): what the first frame leaves open. Along its rays much, across them little.
+
+    Depths err together where landmarks are near or mirror each other, and the relief of the whole face may be
+    too deep or too flat.
+    """
+    n = len(neutral)
+    rays = neutral @ R.T + t
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = rays @ R  # head axes
+    mirrored = neutral * [-1, 1, 1]
+    together = 0.5 * proximity(neutral, neutral) + 0.35 * proximity(neutral, mirrored) + 0.15 * np.eye(n)
+    relief = neutral[:, 2] - neutral[:, 2].mean()
+    depth = settings.depth_sd**2 * together + settings.relief_sd**2 * np.outer(relief, relief)
+    across = settings.lateral_sd**2 * np.einsum("ij,kl->ikjl", np.eye(n), np.eye(3))
+    along = np.einsum("ij,ik,jl->ikjl", depth, rays, rays)
+    return np.asarray((across + along).reshape(3 * n, 3 * n))
