@@ -154,18 +154,21 @@ class MorencyTracker:
         self.covariance = P[np.ix_(rows, rows)]
 
     def _search(self, frame: Frame) -> tuple[View | None, list[tuple[int, Registration]]]:
-        """A lost head: where the frame resembles the first face, register with the first frame."""
-        start = self.head.relocated(frame)
-        view = look(frame, start, self.head.camera)
-        if view is None or not self.frames:
+        """A lost head: where the frame resembles the first face, register with every keyframe; the best counts."""
+        t = self.head.relocated(frame).t
+        view = look(frame, Pose(self.pose.R, t), self.head.camera)
+        if view is None:
             return None, []
-        measured = self._measure(view, start, [0])
-        if measured:  # the previous pose says nothing of this one
-            self.pose = measured[0][1].pose
-            n = len(self.covariance)
-            self.covariance[n - 6 :, :] = self.covariance[:, n - 6 :] = 0
-            self.covariance[n - 6 :, n - 6 :] = np.eye(6)
-        return view, measured
+        keyframes = range(len(self.frames) - 1)
+        tried = [m for i in keyframes for m in self._measure(view, Pose(self.frames[i].pose.R, t), [i])]
+        if not tried:
+            return None, []
+        best = max(tried, key=lambda m: m[1].correlation)
+        self.pose = best[1].pose
+        n = len(self.covariance)  # the previous pose says nothing of this one
+        self.covariance[n - 6 :, :] = self.covariance[:, n - 6 :] = 0
+        self.covariance[n - 6 :, n - 6 :] = np.eye(6)
+        return view, [best]
 
     def _lost(self, frame: Frame) -> Estimate:
         self.status = Status.LOST

@@ -98,13 +98,14 @@ class XiaoTracker:
         self.template = replace(new, values=np.where(outlier, self.template.values, new.values))
 
     def _search(self, frame: Frame) -> tuple[View | None, Registration | None]:
-        """A lost head: where the frame resembles the first face, register with the first reference."""
-        start = self.head.relocated(frame)
-        view = look(frame, start, self.head.camera)
+        """A lost head: where the frame resembles the first face, register with every reference; the best counts."""
+        t = self.head.relocated(frame).t
+        view = look(frame, Pose(self.pose.R, t), self.head.camera)
         if view is None:
             return None, None
-        r = self._register(self.references[0].template, view, start, LEAST_REFERENCE_CORRELATION)
-        return view, r
+        starts = [(r.template, Pose(r.pose.R, t)) for r in self.references]
+        tried = [self._register(template, view, start, LEAST_REFERENCE_CORRELATION) for template, start in starts]
+        return view, max((r for r in tried if r is not None), key=lambda r: r.correlation, default=None)
 
     def _lost(self, frame: Frame) -> Estimate:
         self.status = Status.LOST
