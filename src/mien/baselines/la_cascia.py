@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mien.baselines.rigid_head import RigidHead
-from mien.baselines.surface import Pose, Surface, Template, View, correlation, cylinder, look, near, take
+from mien.baselines.surface import Pose, Surface, Template, View, correlation, cylinder, look, look_first, near, take
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
 from mien.initialization.fit import fit_first_frame
@@ -83,9 +83,7 @@ class LaCasciaTracker:
         surface = cylinder(fit)
         self.head = RigidHead.of(frame, fit, camera, surface)
         self.pose, self.status = self.head.first, Status.INITIALIZED
-        view = look(frame, self.pose, camera)
-        if view is None:
-            return self._lost(frame)
+        view = look_first(frame, self.pose, camera)
         first = take(surface, view, self.pose)
         self.confidence = confidence(first)
         warping = warping_templates(surface, view, self.pose)

@@ -22,7 +22,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.baselines.rigid_head import RigidHead
-from mien.baselines.surface import Pose, Registration, Residuals, Template, View, ellipsoid, look, register, take
+from mien.baselines.surface import (
+    Pose,
+    Registration,
+    Residuals,
+    Template,
+    View,
+    ellipsoid,
+    look,
+    look_first,
+    register,
+    take,
+)
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between, log
 from mien.initialization.fit import fit_first_frame
@@ -65,10 +76,8 @@ class MorencyTracker:
         self.head = RigidHead.of(frame, fit, camera, ellipsoid(fit))
         self.status = Status.INITIALIZED
         self.pose = self.head.first
-        view = look(frame, self.pose, camera)
-        # Order of the state: the first frame, the keyframes, the previous frame; six entries each.
-        first = [] if view is None else [BaseFrame(view, self.pose)]
-        self.frames = first * 2
+        first = BaseFrame(look_first(frame, self.pose, camera), self.pose)
+        self.frames = [first, first]  # the state: the first frame, the keyframes, the previous one, six entries each
         self.covariance = 1e-8 * np.eye(6 * len(self.frames))
         return self.head.estimate(frame, self.status, self.pose)
 

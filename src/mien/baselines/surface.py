@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.appearance.crop import Float32
+from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.initialization.fit import FirstFrame
@@ -156,6 +157,14 @@ def look(frame: Frame, pose: Pose, camera: Camera) -> View | None:
     cx, cy = (camera.cx - x0 + 0.5) / shrink - 0.5, (camera.cy - y0 + 0.5) / shrink - 0.5
     blurs = (blur * pixels_per_unit / shrink for blur in BLURS)
     return View(Camera(camera.focal_px / shrink, cx, cy), tuple(_with_gradient(region, sd) for sd in blurs))
+
+
+def look_first(frame: Frame, pose: Pose, camera: Camera) -> View:
+    """The view of the first frame. Raises MienError where its landmarks put the head outside the image."""
+    view = look(frame, pose, camera)
+    if view is None:
+        raise MienError("the landmarks put the head outside the image; check that they belong to this video")
+    return view
 
 
 def _with_gradient(image: Float32, sd: float) -> Float32:

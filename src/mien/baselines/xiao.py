@@ -20,7 +20,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.baselines.rigid_head import RigidHead
-from mien.baselines.surface import Pose, Registration, Residuals, Template, View, cylinder, look, register, take
+from mien.baselines.surface import (
+    Pose,
+    Registration,
+    Residuals,
+    Template,
+    View,
+    cylinder,
+    look,
+    look_first,
+    register,
+    take,
+)
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
 from mien.initialization.fit import fit_first_frame
@@ -55,10 +66,7 @@ class XiaoTracker:
         fit = fit_first_frame(landmarks, camera)
         self.head = RigidHead.of(frame, fit, camera, cylinder(fit))
         self.pose, self.status = self.head.first, Status.INITIALIZED
-        view = look(frame, self.pose, camera)
-        if view is None:
-            return self._lost(frame)
-        self.template = take(self.head.surface, view, self.pose)
+        self.template = take(self.head.surface, look_first(frame, self.pose, camera), self.pose)
         self.references = [Reference(self.template, self.pose)]
         return self.head.estimate(frame, self.status, self.pose)
 
