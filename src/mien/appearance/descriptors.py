@@ -61,7 +61,7 @@ def describe_with_opencv(gray: Float32, points: Array, cell: int) -> Float32:
     height, width = gray.shape
     inside = np.clip(points, 0, [width - 1, height - 1])
     keypoints = [cv2.KeyPoint(float(x), float(y), cell * 2 / 3, 0.0) for x, y in inside]
-    _, descriptors = cv2.SIFT_create().compute(np.clip(gray, 0, 255).astype(np.uint8), keypoints)
+    _, descriptors = cv2.SIFT.create().compute(np.clip(gray, 0, 255).astype(np.uint8), keypoints)
     return _to_kernel_order(descriptors)
 
 

@@ -28,8 +28,8 @@ def exp(v: Array) -> Array:
     angle = float(np.sqrt(v @ v))
     K = hat(v)
     if angle < 1e-6:  # Taylor series: the closed form divides by the angle
-        return np.eye(3) + K + 0.5 * K @ K
-    return np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * K @ K
+        return np.asarray(np.eye(3) + K + 0.5 * K @ K)
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * K @ K)
 
 
 def log(R: Array) -> Array:
@@ -37,7 +37,7 @@ def log(R: Array) -> Array:
     w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine, cosine = float(np.linalg.norm(w)), 0.5 * (float(np.trace(R)) - 1)
     if sine > 1e-6:
-        return w * (np.arctan2(sine, cosine) / sine)
+        return np.asarray(w * (np.arctan2(sine, cosine) / sine))
     if cosine > 0:
         return w
     # Near pi the antisymmetric part vanishes; the axis is the column of R + I that is longest.
@@ -51,8 +51,8 @@ def left_jacobian(v: Array) -> Array:
     angle = float(np.linalg.norm(v))
     K = hat(v)
     if angle < 1e-5:
-        return np.eye(3) + 0.5 * K + K @ K / 6
-    return np.eye(3) + (1 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K
+        return np.asarray(np.eye(3) + 0.5 * K + K @ K / 6)
+    return np.asarray(np.eye(3) + (1 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K)
 
 
 def euler_from_matrix(R: Array) -> Array:

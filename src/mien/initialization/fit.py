@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mien.candide.model import Candide, mm_per_unit
 from mien.geometry.camera import Camera
@@ -78,7 +79,7 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera) -> FirstFrame:
     x = _minimize(problem, x0)
     R_fit = exp(x[:3]) @ R
     shape = prior.vertices(x[problem.shape_slice])
-    distance = np.linalg.norm(problem.image(x)[0] - points, axis=1)
+    distance = np.linalg.norm(problem.image(x) - points, axis=1)
     J = problem.jacobian(x)
     covariance = np.linalg.inv(J.T @ J)[problem.shape_slice, problem.shape_slice]
     return FirstFrame(
@@ -124,7 +125,7 @@ class _Problem:
         camera: Camera,
         prior: ShapePrior,
         animation_units: Array,
-        vertices: Array,
+        vertices: NDArray[np.intp],
         points: Array,
         depths: Array | None,
         R: Array,
@@ -155,12 +156,13 @@ class _Problem:
         rotated = X @ (exp(x[:3]) @ self.R).T
         return rotated + x[3:6], rotated
 
-    def image(self, x: Array) -> tuple[Array, Array]:
-        return self.camera.project(self.camera_points(x)[0])
+    def image(self, x: Array) -> Array:
+        """Image points (n, 2)."""
+        return self.camera.project(self.camera_points(x)[0])[0]
 
     def residuals(self, x: Array) -> Array:
         X, _ = self.camera_points(x)
-        p, _ = self.camera.project(X)
+        p = self.camera.project(X)[0]
         r = [((p - self.points) / (LANDMARK_SD * self.pixels_per_unit)).ravel()]
         if self.depths is not None:
             r.append((X[:, 2] - x[-1] - self.depths / self.pixels_per_unit) / DEPTH_SD)

@@ -24,7 +24,7 @@ def view_angles(M: Any) -> Any:
     cr, sr = np.cos(roll), np.sin(roll)
     tilt = np.arcsin(min(max(M[2, 1], -1.0), 1.0))
     pan = np.arctan2(-M[2, 0], M[2, 2])
-    ct, st = max(np.cos(tilt), 1e-3), np.sin(tilt)
+    ct = max(np.cos(tilt), 1e-3)
     # w = z roll' + Rz x tilt' + Rz Rx y pan', solved for tilt' and pan'.
     J = np.zeros((2, 3))
     J[0, 0], J[0, 1] = cr, sr
@@ -104,7 +104,7 @@ def linearize_landmarks(
     D = np.empty((5, 128), np.float32)  # residual, then its derivatives by u, v, tilt, pan
     V = np.empty((5, rank), np.float32)
     for i in range(n):
-        if not active[i]:
+        if active[i] <= 0.0:
             continue
         _describe_with_jacobian(maps, q[i : i + 1], cell, y[i : i + 1], J)
         for c in range(128):
@@ -198,7 +198,7 @@ def rotation_vector(R: Any) -> Any:
 def evaluate(
     R: Any, t: Any, a: Any, maps: Any, cell: int, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
-) -> float:  # fmt: skip
+) -> Any:  # fmt: skip
     """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
 
     The derivatives are those of half the energy. Also fills, per landmark, y, M, g, d2 (see
@@ -232,13 +232,13 @@ def evaluate(
         energy += rest_information[k] * from_rest * from_rest
     for i in range(q.shape[0]):
         w[i] = 0.0
-        if not active[i]:
+        if active[i] <= 0.0:
             continue
         d2[i] = temper(M[i], g[i], d2[i], precision)
         # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
         ratio = scale[i] / (scale[i] + d2[i])
-        energy += d2[i] * ratio
-        w[i] = ratio * ratio
+        energy += active[i] * d2[i] * ratio
+        w[i] = active[i] * ratio * ratio
         B[i] = 0.0
         B[i, :2] = J[i]
         B[i, 2:, :3] = J_angles

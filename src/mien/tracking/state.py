@@ -85,7 +85,7 @@ class Estimate:
         if self.rotation is None or self.covariance is None:
             return None
         J = euler_jacobian(self.rotation @ FACING)
-        return np.sqrt(np.maximum(np.diag(J @ self.covariance[:3, :3] @ J.T), 0.0))
+        return np.asarray(np.sqrt(np.maximum(np.diag(J @ self.covariance[:3, :3] @ J.T), 0.0)))
 
 
 class Tracker(Protocol):
