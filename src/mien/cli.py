@@ -7,6 +7,7 @@ written. Heavy modules are imported where they are used, so that `mien --help` i
 from __future__ import annotations
 
 import errno
+import os
 import signal
 import warnings
 from collections.abc import Callable, Iterator
@@ -23,6 +24,11 @@ from mien.errors import MienError, MienWarning
 
 if TYPE_CHECKING:
     from mien.tracking.state import Estimate
+
+# Read when NumPy is first imported. Tracking is thousands of products of small matrices, for which BLAS's threads
+# cost more time than they save, the more so on a busy machine; several videos go faster in several processes.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
 
 BAD_INPUT, INTERRUPTED = 2, 130
 
