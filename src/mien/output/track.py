@@ -126,9 +126,10 @@ class Track:
     def to_pandas(self) -> pd.DataFrame:
         """The table as a DataFrame. Raises MienError where pandas is not installed."""
         try:
-            return self.table.to_pandas()
+            frame: pd.DataFrame = self.table.to_pandas()
         except ImportError as error:
             raise MienError("to_pandas needs pandas; install it with pip install pandas, or use to_arrow") from error
+        return frame
 
     def save(self, path: str | Path) -> tuple[Path, Path, Path]:
         """Write NAME.csv, NAME.json and NAME.parquet, all or none; `path` is NAME or one of the three.
