@@ -1,0 +1,118 @@
+"""The fit of the first frame: what is projected is recovered, and the Jacobian is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array, angle_between, matrix_from_euler
+from mien.initialization.fit import FirstFrame, _Problem, fit_first_frame, tracked_model
+from mien.initialization.landmarks import Landmarks
+
+CAMERA = Camera(280, 159.5, 119.5)
+MODEL, PRIOR = tracked_model()
+REST = np.zeros(6)
+COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}
+
+
+def _pose(seed: int) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    R = matrix_from_euler(np.radians(rng.uniform(-20, 20, 3))) @ FACING
+    return R, np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(4, 6)])
+
+
+def _projected(shape: Array, animation: Array, R: Array, t: Array, scheme: str, deep: bool = False) -> Landmarks:
+    """Landmarks of a face in a pose; points that belong to no vertex lie at the origin."""
+    count = COUNTS[scheme]
+    rows = np.arange(count)[:, None] * np.ones(2)
+    vertices, picked, _ = Landmarks(rows, scheme).correspondences()
+    X = (shape + np.tensordot(animation, MODEL.animation_units, axes=1))[vertices] @ R.T + t
+    points, depths = np.zeros((count, 2)), np.zeros(count)
+    at = picked[:, 0].astype(int)
+    points[at] = CAMERA.project(X)[0]
+    depths[at] = (X[:, 2] - t[2]) * CAMERA.focal_px / t[2]
+    return Landmarks(points, scheme, depths if deep else None)
+
+
+def _degrees(fit: FirstFrame, R: Array) -> float:
+    return float(np.degrees(angle_between(fit.R, R)))
+
+
+@pytest.mark.parametrize("scheme", COUNTS)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_mean_face_is_recovered(scheme: str, seed: int) -> None:
+    R, t = _pose(seed)
+    fit = fit_first_frame(_projected(PRIOR.mean, REST, R, t, scheme), CAMERA)
+    assert fit.residual_px < 0.01
+    assert _degrees(fit, R) < 0.02
+    np.testing.assert_allclose(fit.t, t, atol=2e-3)
+    np.testing.assert_allclose(fit.animation, 0, atol=2e-3)
+    np.testing.assert_allclose(fit.shape, PRIOR.mean, atol=2e-3)
+
+
+@pytest.mark.parametrize("scheme", ["candide26", "ibug68"])
+@pytest.mark.parametrize("unit", range(6))
+def test_an_expression_is_fitted_with_its_unit(scheme: str, unit: int) -> None:
+    """The first frame is held for nearly neutral, so that an expression is credited to the shape in part."""
+    R, t = _pose(2)
+    animation = REST.copy()
+    animation[unit] = 0.5
+    fit = fit_first_frame(_projected(PRIOR.mean, animation, R, t, scheme), CAMERA)
+    assert fit.residual_px < 0.2
+    assert _degrees(fit, R) < 3
+    assert 0.03 < fit.animation[unit] < 0.5
+    assert fit.animation[unit] > fit.animation.max() - 0.02
+
+
+@pytest.mark.parametrize("scheme", ["candide26", "ibug68"])
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_another_shape_is_fitted_as_far_as_one_view_shows_it(scheme: str, seed: int) -> None:
+    R, t = _pose(seed)
+    shape = PRIOR.vertices(0.5 * np.random.default_rng(seed).normal(size=len(PRIOR.basis)))
+    fit = fit_first_frame(_projected(shape, REST, R, t, scheme), CAMERA)
+    assert fit.residual_px < 0.3
+    assert _degrees(fit, R) < 9  # what turns and what is a deeper chin looks alike to a few points
+    np.testing.assert_allclose(fit.t[:2] / fit.t[2], t[:2] / t[2], atol=0.02)
+    np.testing.assert_allclose(PRIOR.vertices(fit.coefficients), fit.shape)
+    np.testing.assert_allclose(PRIOR.sigma(fit.coefficients), fit.sigma)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_depths_make_the_rotation_known(seed: int) -> None:
+    R, t = _pose(seed)
+    shape = PRIOR.vertices(0.5 * np.random.default_rng(seed).normal(size=len(PRIOR.basis)))
+    fit = fit_first_frame(_projected(shape, REST, R, t, "mediapipe478", deep=True), CAMERA)
+    assert _degrees(fit, R) < 3
+
+
+def test_the_posterior_of_the_shape_is_tighter_than_its_prior() -> None:
+    """Its covariance is one: no direction is worse known than before, and what is seen is known better."""
+    R, t = _pose(6)
+    shape = PRIOR.vertices(0.5 * np.random.default_rng(6).normal(size=len(PRIOR.basis)))
+    variances = np.linalg.eigvalsh(
+        fit_first_frame(_projected(shape, REST, R, t, "ibug68"), CAMERA).coefficient_covariance
+    )
+    assert 0 < variances.min() < 0.2
+    assert variances.max() < 1 + 1e-6
+
+
+def test_an_outlier_does_not_pull_the_face() -> None:
+    R, t = _pose(7)
+    landmarks = _projected(PRIOR.mean, REST, R, t, "ibug68")
+    landmarks.points[36] += [25, -15]
+    assert _degrees(fit_first_frame(landmarks, CAMERA), R) < 3
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_jacobian_against_differences(deep: bool) -> None:
+    R, t = _pose(8)
+    landmarks = _projected(PRIOR.mean, REST, R, t, "mediapipe478", deep)
+    problem = _Problem(CAMERA, PRIOR, MODEL.animation_units, *landmarks.correspondences(), R, float(t[2]))
+    rng = np.random.default_rng(9)
+    x = 0.3 * rng.normal(size=problem.size)
+    x[3:6] = t
+    for direction in rng.normal(size=(5, problem.size)):
+        step = 1e-6 * direction
+        difference = (problem.residuals(x + step) - problem.residuals(x - step)) / 2e-6
+        np.testing.assert_allclose(problem.jacobian(x) @ direction, difference, rtol=1e-5, atol=1e-4)

@@ -1,0 +1,93 @@
+"""Landmarks: their schemes, which vertices they are, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.candide.model import Candide
+from mien.errors import MienError
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, Array
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, SCHEMES, Landmarks
+
+COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}
+
+
+def _spread(size: float = 100.0, corner: tuple[float, float] = (50, 60)) -> Landmarks:
+    """26 points that fill a square."""
+    points = np.random.default_rng(0).uniform(0, size, (26, 2))
+    points[:2] = [[0, 0], [size, size]]
+    return Landmarks(points + corner, "candide26", source="face.json")
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_correspondences_pick_rows(scheme: str) -> None:
+    """Each point stands for its own row, so that it is seen which were picked."""
+    n = COUNTS[scheme]
+    points = np.arange(n)[:, None] * np.array([1.0, -1])
+    vertices, picked, depths = Landmarks(points, scheme, 10.0 * np.arange(n)).correspondences()
+    assert depths is not None
+    np.testing.assert_array_equal(picked[:, 1], -picked[:, 0])
+    np.testing.assert_array_equal(depths, 10 * picked[:, 0])
+    assert len(set(vertices)) == len(vertices)
+    assert len(set(picked[:, 0])) == len(picked)
+
+
+@pytest.mark.parametrize("scheme", ["ibug68", "mediapipe478"])
+def test_correspondences_are_as_symmetric_as_the_face(scheme: str) -> None:
+    vertices, _, _ = Landmarks(np.zeros((COUNTS[scheme], 2)), scheme).correspondences()
+    points = Candide.default().mean[vertices]
+    to_mirrored = np.linalg.norm(points[:, None] * [-1, 1, 1] - points[None], axis=2)
+    np.testing.assert_allclose(to_mirrored.min(axis=1), 0, atol=1e-9)
+
+
+def test_ibug_corners_of_the_eyes_and_the_mouth() -> None:
+    """36, 39, 42, 45, 48 and 54 from the left of the image to its right, as annotated."""
+    vertices, picked, _ = Landmarks(np.arange(68)[:, None] * np.ones(2), "ibug68").correspondences()
+    by_row = {int(row): int(vertex) for row, vertex in zip(picked[:, 0], vertices, strict=True)}
+    names = Candide.default().vertex_names
+    assert [names[by_row[k]] for k in (36, 39, 42, 45, 48, 54)] == [
+        "right_eye_outer_corner", "right_eye_inner_corner", "left_eye_inner_corner", "left_eye_outer_corner",
+        "right_mouth_corner_outer", "left_mouth_corner_outer",
+    ]  # fmt: skip
+
+
+def test_the_landmarks_are_called_as_their_vertices() -> None:
+    names = Candide.default().vertex_names
+    assert len(LANDMARK_NAMES) == 26
+    assert [names[v] for v in LANDMARK_VERTICES.values()] == list(LANDMARK_NAMES)
+
+
+def test_right_is_left_in_the_image() -> None:
+    model: Array = Candide.default().mean
+    points, _ = Camera(280, 160, 120).project(model @ FACING.T + [0, 0, 5])
+    assert points[LANDMARK_VERTICES["right_eye_outer_corner"], 0] < points[LANDMARK_VERTICES["nose_tip"], 0]
+
+
+def test_bad_values_are_refused() -> None:
+    with pytest.raises(MienError, match="unknown scheme 'dlib'"):
+        Landmarks(np.zeros((68, 2)), "dlib")
+    with pytest.raises(MienError, match="ibug68 needs 68 points"):
+        Landmarks(np.zeros((26, 2)), "ibug68")
+    points = np.zeros((26, 2))
+    points[3, 1] = np.nan
+    with pytest.raises(MienError, match=r"face\.json: .*finite"):
+        Landmarks(points, "candide26", source="face.json")
+
+
+def test_what_lies_in_the_image_is_accepted() -> None:
+    _spread().check(320, 240)
+    _spread(corner=(-20, 60)).check(320, 240)  # a face that the edge cuts
+
+
+@pytest.mark.parametrize("corner", [(-30, 60), (50, -30), (250, 60), (50, 170)])
+def test_points_outside_the_image_are_refused(corner: tuple[float, float]) -> None:
+    with pytest.raises(MienError, match=r"face\.json: landmarks lie outside the image of 320x240"):
+        _spread(corner=corner).check(320, 240)
+
+
+def test_small_faces_are_refused() -> None:
+    _spread(size=41).check(320, 240)
+    with pytest.raises(MienError, match="measures 39 pixels"):
+        _spread(size=39).check(320, 240)
