@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -41,6 +40,19 @@ def detect(frame: Frame) -> list[Landmarks]:
         Landmarks(f[:, :2], "mediapipe478", f[:, 2], frame.index, frame.time, "detected face")
         for f in (_average(frame, f) for f in faces)
     ]
+
+
+def detect_once(frame: Frame) -> Landmarks | None:
+    """The largest face of a frame from a single look, for finding a face again; None where there is none.
+
+    Raises MienError where MediaPipe is not installed.
+    """
+    with _face_mesh(_MAXIMUM_FACES) as mesh:
+        faces = read_faces(mesh, frame.pixels)
+    if not faces:
+        return None
+    f = max(faces, key=lambda face: float(np.ptp(face[:, :2], axis=0).prod()))
+    return Landmarks(f[:, :2], "mediapipe478", f[:, 2], frame.index, frame.time, "detected face")
 
 
 def _average(frame: Frame, face: Array) -> Array:
@@ -109,8 +121,3 @@ def silenced() -> Iterator[None]:
         os.dup2(saved, 2)
         os.close(saved)
         os.close(null)
-
-
-def at_frame(landmarks: Landmarks, frame: Frame) -> Landmarks:
-    """The same points, said to belong to this frame."""
-    return replace(landmarks, frame_index=frame.index, time=frame.time)

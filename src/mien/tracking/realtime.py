@@ -16,10 +16,12 @@ from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Lan
 from mien.tracking import kernels
 from mien.tracking.learning import Level, facing_cosine, learn_face
 from mien.tracking.prior import state_sd
+from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior
 from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
 from mien.video import Frame
 
+_LEAST_LANDMARKS = 6
 VERTICES = list(LANDMARK_VERTICES.values())
 
 
@@ -53,11 +55,15 @@ class Solution:
     d2: Array
     B: Array
     w: Array
-    facing: Mask
+    facing: Mask  # landmarks that face the camera, inside the image
 
     def misfit(self, expected: Array) -> float:
-        """Median, over the landmarks that face the camera, of the squared distance over the expected one."""
+        """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
         return float(np.median((self.d2 / expected)[self.facing])) if self.facing.any() else np.inf
+
+    def share(self, most: float) -> float:
+        """Share of the landmarks that can be seen whose squared distance is at most `most`."""
+        return float((self.d2[self.facing] <= most).mean()) if self.facing.sum() >= _LEAST_LANDMARKS else 0.0
 
 
 class RealtimeTracker:
@@ -88,18 +94,57 @@ class RealtimeTracker:
         angle = np.radians(s.appearance_angle_sd_deg)
         self.precision = 1 / np.array([s.location_sd, s.location_sd, angle, angle]) ** 2
         self.velocity = np.zeros(12)
+        self.keyframes = Keyframes(self.fit, camera)
+        self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
+        self.lost_frames = 0
         return self._estimate(frame, Status.INITIALIZED, np.ones(n), np.zeros(n), None)
 
     def track(self, frame: Frame) -> Estimate:
-        """Predict, minimise Eq. (9), learn."""
+        """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for."""
         s = self.settings
-        solution = self._search(frame)
-        self.velocity = self.pose.step_to(solution.pose)
-        self.velocity[6:] = 0  # a face that moves goes on moving, an expression stops
-        self.pose = solution.pose
+        solution, status = self._search(frame), Status.TRACKED
+        if solution.share(s.seen_distance) < s.least_share:
+            found = (
+                self._recover(frame) if self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0 else None
+            )
+            if found is None:
+                return self._lose(frame, solution)
+            solution = found
+        if self.lost_frames:
+            status = Status.RECOVERED
+        self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
+        self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
+        self.pose, self.lost_frames = solution.pose, 0
         if solution.misfit(self.expected) < s.retry_distance:
             self._learn(solution)
-        return self._estimate(frame, Status.TRACKED, solution.facing.astype(float), solution.d2, solution.H)
+            if self.keyframes.is_new(self.pose.R):
+                self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
+        return self._estimate(frame, status, solution.facing.astype(float), solution.d2, solution.H)
+
+    def _lose(self, frame: Frame, solution: Solution) -> Estimate:
+        """Stay where the face was seen last, and say why it is lost."""
+        self.lost_frames += 1
+        self.velocity = np.zeros(12)
+        outside = not self._inside(self._posed(self.pose), frame).any()
+        reason = "the face left the image" if outside else "nothing here looks like the face of the first frame"
+        return Estimate.lost(frame, reason, self.fit.mm_per_unit)
+
+    def _recover(self, frame: Frame) -> Solution | None:
+        """The face at a pose that the keyframes or the detector propose, if it is the one of the first frame."""
+        s = self.settings
+        for propose in (
+            lambda: self.keyframes.find(frame, float(self.pose.t[2])),
+            lambda: find_by_detector(frame, self.fit, self.camera),
+        ):
+            placed = propose()
+            if placed is None:
+                continue
+            start = Pose(*placed, self.fit.animation)
+            coarse = self._solve(self.face.coarse, frame, start, start)
+            solution = self._solve(self.face.fine, frame, coarse.pose, coarse.pose)
+            if solution.share(s.seen_distance) >= s.recovered_share:
+                return solution
+        return None
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
@@ -123,7 +168,8 @@ class RealtimeTracker:
         """Levenberg-Marquardt at one resolution. What faces the camera is frozen at the start."""
         s, appearance = self.settings, level.appearance
         crop = level.crop(start.R, start.t, self.camera)
-        facing = facing_cosine(self._posed(start), self.face.normals @ start.R.T) > s.hidden_cosine
+        cosine = facing_cosine(self._posed(start), self.face.normals @ start.R.T)
+        facing = (cosine > s.hidden_cosine) & self._inside(self._posed(start), frame)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         R, t, a, energy, H, y, M, g, d2, B, w, _ = kernels.solve(
             start.R, start.t, start.animation, level.maps(frame, crop), level.descriptor.cell,
@@ -161,6 +207,11 @@ class RealtimeTracker:
     def _posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
         return np.asarray((self.neutral + np.tensordot(pose.animation, self.units, axes=1)) @ pose.R.T + pose.t)
+
+    def _inside(self, X: Array, frame: Frame) -> Mask:
+        """Which points (n, 3) in camera axes lie in the image."""
+        p, valid = self.camera.project(X)
+        return np.asarray(valid & (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1))
 
     def _estimate(self, frame: Frame, status: Status, visibility: Array, d2: Array, H: Array | None) -> Estimate:
         X = self._posed(self.pose)
