@@ -93,7 +93,7 @@ def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(SaragihTracker(), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 3
+    assert turn_error_deg(estimates, sequence)[-1] < 4
 
 
 def test_a_black_frame_is_a_lost_frame() -> None:
