@@ -47,7 +47,7 @@ TILTS_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
 NEGATIVE_RADII, NEGATIVE_DIRECTIONS = (3.0, 5.0, 8.0, 12.0), 8
 """Where the patches are that an expert has to reject: distances in crop pixels from the landmark."""
 EXPERT_C = 10.0
-"""Inverse regularisation of the experts: with less the maps are broad and pull away, with more they have false peaks."""
+"""Inverse regularisation of the experts: with less the maps are broad and pull off, with more they have false peaks."""
 WINDOW_RADII = (20, 12, 7)
 """Half width in crop pixels of the window of each pass; every pass computes the response maps anew."""
 SMOOTHING = (60.0, 25.0, 10.0, 4.0)
