@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mien.appearance.descriptors import Float32
 from mien.appearance.views import CENTRE
+from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, log
@@ -22,6 +23,9 @@ from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
 from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
+_JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
+_JAW_DROP = TRACKED_UNITS.index("jaw_drop")
+_JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 VERTICES = list(LANDMARK_VERTICES.values())
 
 
@@ -66,6 +70,16 @@ class Solution:
         return float((self.d2[self.facing] <= most).mean()) if self.facing.sum() >= _LEAST_LANDMARKS else 0.0
 
 
+@dataclass(frozen=True)
+class View:
+    """A frame prepared for `kernels.solve`: orientation maps of the crop, its geometry, landmarks that can be seen."""
+
+    level: Level
+    maps: Float32
+    geometry: tuple[Array, ...]
+    facing: Mask
+
+
 class RealtimeTracker:
     """Bayesian tracker with a pose-dependent appearance and a shape that is learned while tracking."""
 
@@ -87,6 +101,9 @@ class RealtimeTracker:
         n = len(VERTICES)
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)
+        # What the jaw carries changes its look with it: trust it further.
+        self.tolerance = np.full(n, s.robust_factor)
+        self.tolerance[_JAW] *= s.jaw_tolerance
         self.information = np.diag(
             1 / state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation) ** 2
         )
@@ -140,8 +157,8 @@ class RealtimeTracker:
             if placed is None:
                 continue
             start = Pose(*placed, self.fit.animation)
-            coarse = self._solve(self.face.coarse, frame, start, start)
-            solution = self._solve(self.face.fine, frame, coarse.pose, coarse.pose)
+            coarse = self._solve(self._look(self.face.coarse, frame, start), start, start)
+            solution = self._solve(self._look(self.face.fine, frame, coarse.pose), coarse.pose, coarse.pose)
             if solution.share(s.seen_distance) >= s.recovered_share:
                 return solution
         return None
@@ -156,33 +173,52 @@ class RealtimeTracker:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""
         s = self.settings
         predicted = self.pose.moved(s.velocity * self.velocity)
-        best = self._solve(self.face.fine, frame, predicted, predicted)
+        view = self._look(self.face.fine, frame, predicted)
+        best = self._solve(view, predicted, predicted)
         if best.misfit(self.expected) > s.retry_distance:
             for start in (predicted, self.pose):
-                coarse = self._solve(self.face.coarse, frame, start, predicted)
-                fine = self._solve(self.face.fine, frame, coarse.pose, predicted)
-                best = min(best, fine, key=lambda solution: solution.energy)
+                coarse = self._solve(self._look(self.face.coarse, frame, start), start, predicted)
+                again = self._look(self.face.fine, frame, coarse.pose)
+                fine = self._solve(again, coarse.pose, predicted)
+                if fine.energy < best.energy:
+                    best, view = fine, again
+        return self._open_mouth(view, best, predicted)
+
+    def _open_mouth(self, view: View, best: Solution, predicted: Pose) -> Solution:
+        """A jaw moves further in a frame than its patches reach: where they do not fit, try it elsewhere."""
+        s = self.settings
+        if (best.d2 / self.expected)[_JAW].mean() < s.jaw_retry_distance:
+            return best
+        for jaw in _JAW_STARTS:
+            if abs(jaw - best.pose.animation[_JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
+                animation = best.pose.animation.copy()
+                animation[_JAW_DROP] = jaw
+                candidate = self._solve(view, replace(best.pose, animation=animation), predicted)
+                best = min(best, candidate, key=lambda solution: solution.energy)
         return best
 
-    def _solve(self, level: Level, frame: Frame, start: Pose, predicted: Pose) -> Solution:
-        """Levenberg-Marquardt at one resolution. What faces the camera is frozen at the start."""
-        s, appearance = self.settings, level.appearance
-        crop = level.crop(start.R, start.t, self.camera)
-        cosine = facing_cosine(self._posed(start), self.face.normals @ start.R.T)
-        facing = (cosine > s.hidden_cosine) & self._inside(self._posed(start), frame)
+    def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
+        """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
+        crop = level.crop(pose.R, pose.t, self.camera)
+        X = self._posed(pose)
+        facing = facing_cosine(X, self.face.normals @ pose.R.T) > self.settings.hidden_cosine
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
+        geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
+        return View(level, level.maps(frame, crop), geometry, facing & self._inside(X, frame))
+
+    def _solve(self, view: View, start: Pose, predicted: Pose) -> Solution:
+        """Levenberg-Marquardt in one view."""
+        s, appearance = self.settings, view.level.appearance
         R, t, a, energy, H, y, M, g, d2, B, w, _ = kernels.solve(
-            start.R, start.t, start.animation, level.maps(frame, crop), level.descriptor.cell,
-            (self.neutral, self.units),
+            start.R, start.t, start.animation, view.maps, view.level.descriptor.cell, (self.neutral, self.units),
             (appearance.coefficients, self.adapted, appearance.U, appearance.gain, appearance.inverse_floor,
              appearance.limit, self.precision),
-            facing.astype(np.float64), s.robust_factor * self.expected,
+            view.facing.astype(np.float64), self.tolerance * self.expected,
             (predicted.R, predicted.t, predicted.animation, self.information, self.fit.animation,
              self.rest_information),
-            (self.camera_vector, crop.linear, offset, ray_rotation(start.R @ CENTRE + start.t)),
-            s.iterations, s.tolerance,
+            view.geometry, s.iterations, s.tolerance,
         )  # fmt: skip
-        return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, facing)
+        return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, view.facing)
 
     def _learn(self, solution: Solution) -> None:
         s = self.settings
