@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import ConvexHull, Delaunay
 
+from mien.candide.model import MOUTH_TRIANGLES
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
@@ -37,7 +38,8 @@ class Surface:
 def face_surface(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Surface:
     """The surface of the first frame's face in camera axes."""
     if landmarks.depths is None:
-        vertices, triangles = fit.vertices() @ fit.R.T + fit.t, fit.model.triangles
+        vertices = fit.vertices() @ fit.R.T + fit.t
+        triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
     else:
         vertices = _from_depths(landmarks, fit, camera)
         triangles = np.asarray(Delaunay(camera.project(vertices)[0]).simplices, dtype=np.intp)

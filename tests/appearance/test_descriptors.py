@@ -1,0 +1,146 @@
+"""Our SIFT kernel: OpenCV's descriptor, its own derivative, what light does not change."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mien.appearance.crop import blurred
+from mien.appearance.descriptors import (
+    LENGTH,
+    OPENCV_BLUR,
+    ORIENTATIONS,
+    Float32,
+    describe,
+    describe_with_jacobian,
+    describe_with_opencv,
+    orientation_maps,
+)
+from mien.geometry.rotation import Array
+from mien.synthetic import make_sequence, moved
+from small_motion import face
+
+CELLS = range(3, 9)
+
+
+@cache
+def _image(name: str) -> tuple[Float32, Array]:
+    """Grey picture and landmarks (n, 2) on pixels: OpenCV reads at the nearest one."""
+    if name == "photograph":
+        return face().frame.gray.astype(np.float32), np.round(face().landmarks.correspondences()[1])
+    states = moved(face(), np.array([[8.0, -20, 10]]), np.zeros((1, 3)), np.zeros((1, 6)))
+    sequence = make_sequence(face(), states)
+    return sequence.frames[0].gray.astype(np.float32), np.round(sequence.landmarks[0])
+
+
+def _smooth(seed: int = 0, size: int = 80) -> Float32:
+    noise = np.random.default_rng(seed).uniform(0, 255, (size, size)).astype(np.float32)
+    image = blurred(noise, 2.0)
+    return (image - image.min()) * (255 / np.ptp(image))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("name", ["photograph", "rendered"])
+def test_the_kernel_gives_the_descriptor_of_opencv(name: str, cell: int) -> None:
+    gray, points = _image(name)
+    ours = describe(orientation_maps(blurred(gray, OPENCV_BLUR), cell), points, cell)
+    theirs = describe_with_opencv(gray, points, cell)
+    cosine = (ours * theirs).sum(axis=1)
+    assert len(cosine) >= 26
+    assert cosine.min() > 0.99
+
+
+def test_descriptors_have_length_one_and_no_entry_far_above_the_clip() -> None:
+    gray, points = _image("photograph")
+    for descriptors in (describe(orientation_maps(gray, 5), points, 5), describe_with_opencv(gray, points, 5)):
+        assert descriptors.shape == (len(points), LENGTH)
+        np.testing.assert_allclose(np.linalg.norm(descriptors, axis=1), 1, rtol=1e-5)
+        assert descriptors.min() > -1e-5  # running sums leave a little less than nothing
+        assert descriptors.max() < 0.4
+
+
+@pytest.mark.parametrize("orientation", range(ORIENTATIONS))
+def test_a_ramp_has_one_orientation(orientation: int) -> None:
+    """Grey values that grow in a direction of `orientation` eighths of a turn, from u to v."""
+    angle = orientation * np.pi / 4
+    v, u = np.mgrid[:64, :64]
+    gray = (np.cos(angle) * u + np.sin(angle) * v).astype(np.float32)
+    maps = orientation_maps(gray, 4)
+    expected = np.zeros(ORIENTATIONS)
+    expected[orientation] = 2  # the difference of neighbours at a distance of two
+    np.testing.assert_allclose(maps[32, 32], expected, atol=2e-3)
+
+
+def test_between_two_orientations_the_gradient_is_shared() -> None:
+    angle = np.radians(1.25 * 45)
+    v, u = np.mgrid[:64, :64]
+    maps = orientation_maps((np.cos(angle) * u + np.sin(angle) * v).astype(np.float32), 3)
+    np.testing.assert_allclose(maps[32, 32, :3], [0, 1.5, 0.5], atol=2e-3)
+
+
+@pytest.mark.parametrize("cell", [1, 2, 3, 4, 7])
+def test_the_smoothing_is_a_triangle(cell: int) -> None:
+    """A single edge: the gradient at two columns becomes the sum of two triangles of half width `cell`."""
+    gray = np.zeros((64, 64), np.float32)
+    gray[:, 32:] = 1
+    profile = orientation_maps(gray, cell)[32, :, 0]
+    u = np.arange(64)
+    triangle = np.maximum(1 - np.abs(u[None] - np.array([[31], [32]])) / cell, 0) / cell
+    np.testing.assert_allclose(profile, triangle.sum(axis=0), atol=1e-6)
+
+
+@pytest.mark.parametrize("cell", [3, 4, 6])
+def test_jacobian_against_differences(cell: int) -> None:
+    """Within a pixel a descriptor is smooth but for the clip at 0.2, so that single entries may differ."""
+    maps = orientation_maps(_smooth(), cell)
+    rng = np.random.default_rng(1)
+    # No sample of the grid may come to lie on a whole pixel, where the derivative jumps.
+    points = np.floor(rng.uniform(25, 55, (40, 2))) + rng.uniform(0.2, 0.3, (40, 2))
+    value, J = describe_with_jacobian(maps, points, cell)
+    np.testing.assert_allclose(value, describe(maps, points, cell), atol=1e-6)
+    step = 0.01
+    for axis in range(2):
+        shift = step * np.eye(2)[axis]
+        difference = (describe(maps, points + shift, cell) - describe(maps, points - shift, cell)) / (2 * step)
+        error = np.linalg.norm(J[:, axis] - difference, axis=1) / np.linalg.norm(difference, axis=1)
+        assert np.median(error) < 0.005
+        assert error.max() < 0.2
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.5, 0), (1.6, 0), (1, 40), (0.4, 90)])
+def test_gain_and_offset_change_nothing(gain: float, offset: float) -> None:
+    gray, points = _image("photograph")
+    before = describe(orientation_maps(gray, 4), points, 4)
+    after = describe(orientation_maps(np.float32(gain) * gray + np.float32(offset), 4), points, 4)
+    np.testing.assert_allclose(after, before, atol=1e-4)
+
+
+def test_a_shift_of_the_image_is_a_shift_of_the_point() -> None:
+    gray, points = _image("photograph")
+    shifted = np.roll(gray, (3, -5), axis=(0, 1))
+    before = describe(orientation_maps(gray, 4), points, 4)
+    np.testing.assert_allclose(describe(orientation_maps(shifted, 4), points + [-5, 3], 4), before, atol=1e-5)
+
+
+def test_a_flat_image_has_no_descriptor_and_no_derivative() -> None:
+    maps = orientation_maps(np.full((50, 50), 77, np.float32), 4)
+    value, J = describe_with_jacobian(maps, np.array([[25.0, 25.0]]), 4)
+    np.testing.assert_array_equal(value, 0)
+    np.testing.assert_array_equal(J, 0)
+
+
+POINTS_OUTSIDE: NDArray[np.float64] = np.array([[-100.0, 20], [20, -1e6], [1e6, 1e6], [79, 79], [0, 0]])
+
+
+def test_points_outside_the_image_read_its_edge() -> None:
+    gray = _smooth()
+    maps = orientation_maps(gray, 4)
+    inside = np.clip(POINTS_OUTSIDE, -10, 90)
+    np.testing.assert_allclose(describe(maps, POINTS_OUTSIDE, 4), describe(maps, inside, 4), atol=1e-6)
+    value, J = describe_with_jacobian(maps, POINTS_OUTSIDE, 4)
+    assert np.isfinite(value).all()
+    assert np.isfinite(J).all()
+    assert np.isfinite(describe_with_opencv(gray, POINTS_OUTSIDE, 4)).all()

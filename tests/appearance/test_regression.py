@@ -1,0 +1,73 @@
+"""Appearance by pose: a cubic is found again, and the inverse covariance is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.appearance.regression import PoseRegression
+from mien.tracking.kernels import polynomial
+
+LIMIT = 0.7
+N, RANK, FLOOR = 2, 5, 4e-3
+GRID = [(x, y) for x in np.linspace(-LIMIT, LIMIT, 9) for y in np.linspace(-LIMIT, LIMIT, 9)]
+TERMS = np.array([polynomial(x, y, LIMIT)[0] for x, y in GRID])
+EVERYWHERE = np.ones((len(GRID), N), bool)
+Float32 = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+
+
+def _cubic() -> Float32:
+    return np.random.default_rng(0).normal(size=(N, 10, 128)).astype(np.float32)
+
+
+def _noise(sd: float = 0.1) -> Float32:
+    return np.random.default_rng(1).normal(0, sd, (len(GRID), N, 128)).astype(np.float32)
+
+
+def _values(cubic: Float32) -> Float32:
+    return np.asarray(np.einsum("vp,npc->vnc", TERMS, cubic), np.float32)
+
+
+def test_a_cubic_is_recovered() -> None:
+    cubic = _cubic()
+    learned = PoseRegression.learn(_values(cubic), TERMS, EVERYWHERE, LIMIT, FLOOR, RANK)
+    np.testing.assert_allclose(learned.coefficients, cubic, atol=0.01)
+    terms = polynomial(0.2, -0.4, LIMIT)[0]
+    np.testing.assert_allclose(learned.mean(terms), np.einsum("p,npc->nc", terms, cubic), atol=0.01)
+    np.testing.assert_allclose(learned.gain, 0, atol=5)  # nothing is left: the covariance is the floor
+
+
+def test_views_in_which_a_landmark_is_hidden_do_not_count() -> None:
+    cubic = _cubic()
+    samples = _values(cubic)
+    visible = EVERYWHERE.copy()
+    visible[::3, 0] = False
+    samples[::3, 0] = 9
+    learned = PoseRegression.learn(samples, TERMS, visible, LIMIT, FLOOR, RANK)
+    np.testing.assert_allclose(learned.coefficients, cubic, atol=0.01)
+
+
+def test_a_landmark_that_is_seldom_visible_uses_every_view() -> None:
+    cubic = _cubic()
+    visible = EVERYWHERE.copy()
+    visible[19:, 1] = False  # in fewer than twice ten views
+    learned = PoseRegression.learn(_values(cubic), TERMS, visible, LIMIT, FLOOR, RANK)
+    np.testing.assert_allclose(learned.coefficients, cubic, atol=0.01)
+
+
+def test_the_inverse_covariance_against_a_dense_one() -> None:
+    """Sigma = I floor + the leading part of the residuals' covariance."""
+    samples = _values(_cubic()) + _noise()
+    learned = PoseRegression.learn(samples, TERMS, EVERYWHERE, LIMIT, FLOOR, RANK)
+    residual = samples - np.einsum("vp,npc->vnc", TERMS, learned.coefficients)
+    for i in range(N):
+        values, vectors = np.linalg.eigh(residual[:, i].T.astype(float) @ residual[:, i] / len(samples))
+        leading = vectors[:, -RANK:] * values[-RANK:] @ vectors[:, -RANK:].T
+        inverse = learned.inverse_floor[i] * np.eye(128) + learned.U[i].T * learned.gain[i] @ learned.U[i]
+        np.testing.assert_allclose(inverse @ (FLOOR * np.eye(128) + leading), np.eye(128), atol=2e-3)
+
+
+def test_rank_zero_is_the_floor_alone() -> None:
+    learned = PoseRegression.learn(_values(_cubic()) + _noise(), TERMS, EVERYWHERE, LIMIT, FLOOR, 0)
+    assert learned.U.shape == (N, 0, 128)
+    assert learned.inverse_floor == pytest.approx(1 / FLOOR)

@@ -1,0 +1,99 @@
+"""The surface that is rendered for learning: the face, its skirt, points moved onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.appearance.rendering import depth_buffer
+from mien.appearance.surface import Surface, face_surface, on_surface
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import fit_first_frame
+from mien.initialization.landmarks import Landmarks
+from small_motion import face
+
+CAMERA = Camera(100, 0, 0)
+
+
+def _without_depths() -> Landmarks:
+    """The landmarks of the portrait as somebody would have annotated them."""
+    given = face().landmarks
+    return Landmarks(given.points, given.scheme)
+
+
+def _signed_areas(surface: Surface, camera: Camera) -> Array:
+    a, b, c = (camera.project(surface.vertices)[0][surface.triangles[:, k]] for k in range(3))
+    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_the_whole_surface_faces_the_camera_that_saw_it(deep: bool) -> None:
+    portrait = face()
+    assert portrait.landmarks.depths is not None
+    landmarks = portrait.landmarks if deep else _without_depths()
+    surface = face_surface(landmarks, portrait.fit, portrait.camera)
+    assert surface.face == (468 if deep else 113)
+    assert (_signed_areas(surface, portrait.camera) <= 0).all()
+    assert surface.triangles.max() == len(surface.vertices) - 1
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_the_skirt_surrounds_the_face_and_lies_behind_it(deep: bool) -> None:
+    portrait = face()
+    landmarks = portrait.landmarks if deep else _without_depths()
+    surface = face_surface(landmarks, portrait.fit, portrait.camera)
+    skirt, front = surface.vertices[surface.face :], surface.vertices[: surface.face]
+    p = portrait.camera.project(surface.vertices)[0]
+    low, high = p[: surface.face].min(axis=0), p[: surface.face].max(axis=0)
+    assert (p[surface.face :].min(axis=0) < low).all()
+    assert (p[surface.face :].max(axis=0) > high).all()
+    assert skirt[:, 2].max() > front[:, 2].max()
+    # Every pixel of the face, and around it, is covered.
+    depth = depth_buffer(surface.vertices, surface.triangles, portrait.camera, 320, 240)
+    u, v = np.round(p[: surface.face]).astype(int).T
+    assert np.isfinite(depth[v, u]).all()
+
+
+def test_landmarks_with_depths_project_onto_themselves() -> None:
+    portrait = face()
+    surface = face_surface(portrait.landmarks, portrait.fit, portrait.camera)
+    p = portrait.camera.project(surface.vertices[: surface.face])[0]
+    np.testing.assert_allclose(p, portrait.landmarks.points[:468], atol=1e-9)
+
+
+def test_landmarks_with_depths_lie_where_the_fitted_model_is() -> None:
+    portrait = face()
+    surface = face_surface(portrait.landmarks, portrait.fit, portrait.camera)
+    vertices, points, _ = portrait.landmarks.correspondences()
+    fitted = (portrait.fit.vertices()[vertices] @ portrait.fit.R.T + portrait.fit.t)[:, 2]
+    rows = [int(np.abs(portrait.landmarks.points - p).sum(axis=1).argmin()) for p in points]
+    difference = surface.vertices[rows, 2] - fitted
+    assert abs(np.median(difference)) < 1e-9
+    assert np.abs(difference).max() < 0.2
+
+
+def test_without_depths_the_surface_is_candide() -> None:
+    portrait = face()
+    fit = fit_first_frame(_without_depths(), portrait.camera)
+    surface = face_surface(_without_depths(), fit, portrait.camera)
+    np.testing.assert_allclose(surface.vertices[:113], fit.vertices() @ fit.R.T + fit.t)
+    assert len(surface.triangles) > len(fit.model.triangles)
+
+
+def test_points_move_along_their_rays_onto_the_surface() -> None:
+    """A slanted plane Z = 2 + X / 10: the ray (x, y, 1) meets it at Z = 2 / (1 - x / 10)."""
+    corners = np.array([[x, y, 2 + 0.1 * x] for x, y in [(-1.0, -1), (1, -1), (1, 1), (-1, 1)]])
+    surface = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]), 4)
+    points = np.array([[0.0, 0, 5], [1.0, 0.4, 4], [-0.2, 0.3, 1]])
+    moved = on_surface(points, surface, CAMERA)
+    rays = points / points[:, 2:]
+    np.testing.assert_allclose(moved / moved[:, 2:], rays)
+    # Between the corners depth is linear in the image, which is right for a surface that is not too steep.
+    np.testing.assert_allclose(moved[:, 2], 2 / (1 - 0.1 * rays[:, 0]), atol=0.01)
+
+
+def test_points_beside_the_face_stay() -> None:
+    surface = Surface(np.array([[0.0, 0, 2], [1, 0, 2], [0, 1, 2]]), np.array([[0, 1, 2]]), 3)
+    point = np.array([[-3.0, 0, 4]])
+    np.testing.assert_array_equal(on_surface(point, surface, CAMERA), point)
