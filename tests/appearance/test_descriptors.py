@@ -122,7 +122,7 @@ def test_a_shift_of_the_image_is_a_shift_of_the_point() -> None:
     gray, points = _image("photograph")
     shifted = np.roll(gray, (3, -5), axis=(0, 1))
     before = describe(orientation_maps(gray, 4), points, 4)
-    np.testing.assert_allclose(describe(orientation_maps(shifted, 4), points + [-5, 3], 4), before, atol=1e-5)
+    np.testing.assert_allclose(describe(orientation_maps(shifted, 4), points + np.array([-5, 3]), 4), before, atol=1e-5)
 
 
 def test_a_flat_image_has_no_descriptor_and_no_derivative() -> None:

@@ -66,7 +66,7 @@ def test_the_crop_holds_the_face_at_its_size(upright: bool) -> None:
     centre = camera.project(R @ CENTRE + t)[0]
     np.testing.assert_allclose(crop.to_crop(centre), [50, 50], atol=1e-9)
     # A unit across the view at the distance of the face measures 40 pixels.
-    unit = camera.project(t + [1, 0, 0])[0] - camera.project(t)[0]
+    unit = camera.project(t + np.eye(3)[0])[0] - camera.project(t)[0]
     assert np.linalg.norm(crop.linear @ unit) == pytest.approx(40)
     assert crop.angle == pytest.approx(0 if upright else 0.5)
 
