@@ -1,0 +1,307 @@
+"""The compiled kernels: their Jacobians against differences, their algebra against dense formulas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mien.appearance.crop import blurred
+from mien.appearance.descriptors import describe, orientation_maps
+from mien.appearance.views import rotation, tilt_pan_of
+from mien.geometry.rotation import FACING, Array, exp, log
+from mien.tracking import kernels
+from mien.tracking.optimizers import Simplex
+from strategies import rotation_vectors, rotations, vectors
+
+CAMERA = np.array([280.0, 159.5, 119.5])
+LINEAR, OFFSET = np.array([[0.9, 0.3], [-0.3, 0.9]]), np.array([-85.0, 15.0])
+N, RANK, CELL, LIMIT = 8, 5, 4, 0.7
+ANGLES = st.floats(-1.2, 1.2)
+FEW = settings(max_examples=40, deadline=None)
+
+
+def _random_pose(seed: int) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    return rotation(*rng.uniform(-0.4, 0.4, 3)), np.array([0.05, 0.02, 4.0]), rng.uniform(-0.3, 0.5, 6)
+
+
+def _random_person(seed: int, n: int = N) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-0.6, 0.6, (n, 3)), rng.normal(0, 0.1, (6, n, 3))
+
+
+def _stepped(R: Array, t: Array, a: Array, step: Array) -> tuple[Array, Array, Array]:
+    return exp(step[:3]) @ R, t + step[3:6], a + step[6:]
+
+
+@given(rotation_vectors(3.0), rotations())
+@FEW
+def test_rotate_is_exp(w: Array, R: Array) -> None:
+    np.testing.assert_allclose(kernels.rotate(w, R), exp(w) @ R, atol=1e-9)
+
+
+@given(rotations(2.9))
+@FEW
+def test_rotation_vector_is_log(R: Array) -> None:
+    np.testing.assert_allclose(kernels.rotation_vector(R), log(R), atol=1e-9)
+
+
+@given(ANGLES, ANGLES, st.floats(-3, 3))
+@FEW
+def test_view_angles_invert_the_rotation(tilt: float, pan: float, roll: float) -> None:
+    R = rotation(tilt, pan, roll)
+    found = kernels.view_angles(R @ FACING)
+    np.testing.assert_allclose(found[:2], (tilt, pan), atol=1e-9)
+    np.testing.assert_allclose(found[:2], tilt_pan_of(R), atol=1e-9)
+
+
+@given(ANGLES, ANGLES, st.floats(-3, 3), vectors(-1, 1))
+@FEW
+def test_view_angles_jacobian_against_differences(tilt: float, pan: float, roll: float, w: Array) -> None:
+    M = rotation(tilt, pan, roll) @ FACING
+    ahead, behind = (np.array(kernels.view_angles(exp(s * 1e-6 * w) @ M)[:2]) for s in (1, -1))
+    np.testing.assert_allclose(kernels.view_angles(M)[2] @ w, (ahead - behind) / 2e-6, atol=1e-6)
+
+
+def test_polynomial_by_hand() -> None:
+    """At (0.35, -0.7) of 0.7: x = 1/2, y = -1."""
+    terms = kernels.polynomial(0.35, -0.7, LIMIT)[0]
+    np.testing.assert_allclose(terms, [1, 0.5, -1, 0.25, -0.5, 1, 0.125, -0.25, 0.5, -1], rtol=1e-6)
+
+
+@given(st.floats(-0.65, 0.65), st.floats(-0.65, 0.65))
+@FEW
+def test_polynomial_derivatives_against_differences(x: float, y: float) -> None:
+    _, by_x, by_y = kernels.polynomial(x, y, LIMIT)
+    h = 1e-3
+    difference_x = (kernels.polynomial(x + h, y, LIMIT)[0] - kernels.polynomial(x - h, y, LIMIT)[0]) / (2 * h)
+    difference_y = (kernels.polynomial(x, y + h, LIMIT)[0] - kernels.polynomial(x, y - h, LIMIT)[0]) / (2 * h)
+    np.testing.assert_allclose(by_x, difference_x, atol=1e-3)
+    np.testing.assert_allclose(by_y, difference_y, atol=1e-3)
+
+
+def test_polynomial_is_constant_past_the_limit() -> None:
+    at, past = kernels.polynomial(LIMIT, 0.2, LIMIT), kernels.polynomial(2 * LIMIT, 0.2, LIMIT)
+    np.testing.assert_allclose(past[0], at[0])
+    np.testing.assert_array_equal(past[1], 0)
+    assert (past[2] != 0).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_projection_and_its_jacobian(seed: int) -> None:
+    (R, t, a), (neutral, units) = _random_pose(seed), _random_person(seed)
+    q, J = kernels.project(neutral, units, R, t, a, CAMERA, LINEAR, OFFSET)
+    X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
+    np.testing.assert_allclose(q, (CAMERA[0] * X[:, :2] / X[:, 2:] + CAMERA[1:]) @ LINEAR.T + OFFSET, rtol=1e-9)
+    for direction in np.random.default_rng(seed + 10).normal(size=(5, 12)):
+        ahead, behind = (
+            kernels.project(neutral, units, *_stepped(R, t, a, s * 1e-6 * direction), CAMERA, LINEAR, OFFSET)[0]
+            for s in (1, -1)
+        )
+        np.testing.assert_allclose(J @ direction, (ahead - behind) / 2e-6, rtol=1e-5, atol=1e-4)
+
+
+def _positive(rng: np.random.Generator, n: int) -> Array:
+    X = rng.normal(size=(n, 2 * n))
+    return X @ X.T
+
+
+def test_temper_against_the_dense_formula() -> None:
+    rng = np.random.default_rng(0)
+    M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
+    A = np.linalg.inv(M + np.diag(precision))
+    M_new, g_new = M.copy(), g.copy()
+    assert kernels.temper(M_new, g_new, d2, precision) == pytest.approx(d2 - g @ A @ g)
+    np.testing.assert_allclose(M_new, M - M @ A @ M, atol=1e-9)
+    np.testing.assert_allclose(g_new, g - M @ A @ g, atol=1e-9)
+
+
+def test_temper_is_the_best_misplacement() -> None:
+    """Eliminating e from (x + e)' M (x + e) + 2 g' (x + e) + e' P e leaves the tempered form, at every x."""
+    rng = np.random.default_rng(1)
+    M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
+    M_new, g_new = M.copy(), g.copy()
+    d2_new = kernels.temper(M_new, g_new, d2, precision)
+    for x in rng.normal(size=(5, 4)):
+        e = -np.linalg.solve(M + np.diag(precision), M @ x + g)
+        expected = d2 + (x + e) @ M @ (x + e) + 2 * g @ (x + e) + e * precision @ e
+        assert d2_new + x @ M_new @ x + 2 * g_new @ x == pytest.approx(expected)
+
+
+def test_a_misplacement_that_is_known_to_be_none_changes_nothing() -> None:
+    rng = np.random.default_rng(2)
+    M, g = _positive(rng, 4), rng.normal(size=4)
+    M_new, g_new = M.copy(), g.copy()
+    assert kernels.temper(M_new, g_new, 5.0, np.full(4, 1e12)) == pytest.approx(5)
+    np.testing.assert_allclose(M_new, M, atol=1e-8)
+    np.testing.assert_allclose(g_new, g, atol=1e-8)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Eq. (9) of random landmarks in a random picture, as `RealtimeTracker` hands it to the kernels."""
+
+    maps: Any
+    person: tuple[Array, Array]
+    appearance: tuple[Any, ...]
+    active: Array
+    scale: Array
+    prior: tuple[Array, ...]
+    view: tuple[Array, ...]
+
+    @classmethod
+    def random(cls, seed: int = 0, precision: float = 1e12) -> Problem:
+        """The appearance is that of the random pose of this seed, so that the minimum lies there."""
+        rng = np.random.default_rng(seed)
+        noise = rng.uniform(0, 255, (150, 150)).astype(np.float32)
+        maps = orientation_maps(blurred(noise, 3.0), CELL)
+        (R, t, a), person = _random_pose(seed), _random_person(seed)
+        ray = exp(np.array([0.05, -0.03, 0]))
+        coefficients = rng.normal(0, 0.01, (N, 10, 128)).astype(np.float32)
+        q, _ = kernels.project(*person, R, t, a, CAMERA, LINEAR, OFFSET)
+        tilt, pan, _ = kernels.view_angles(ray.T @ R @ FACING)
+        terms = kernels.polynomial(tilt, pan, LIMIT)[0]
+        coefficients[:, 0] += describe(maps, q, CELL) - np.einsum("p,npc->nc", terms, coefficients)
+        U = np.stack([np.linalg.qr(rng.normal(size=(128, RANK)))[0].T for _ in range(N)]).astype(np.float32)
+        variance, floor = rng.uniform(0.001, 0.01, (N, RANK)), 4e-3
+        appearance = (
+            coefficients,
+            np.zeros((N, 128), np.float32),
+            np.ascontiguousarray(U),
+            (1 / (variance + floor) - 1 / floor).astype(np.float32),
+            np.full(N, 1 / floor, np.float32),
+            LIMIT,
+            np.full(4, precision),
+        )
+        active = np.ones(N)
+        active[3] = 0
+        sd = np.array([0.09] * 3 + [0.2, 0.2, 0.3] + [0.2] * 6)
+        prior = (R, t, a, np.diag(1 / sd**2), np.zeros(6), np.full(6, 1 / 0.4**2))
+        return cls(maps, person, appearance, active, np.full(N, 25.0), prior, (CAMERA, LINEAR, OFFSET, ray))
+
+    @property
+    def minimum(self) -> tuple[Array, Array, Array]:
+        """Where the descriptors agree with the appearance and the pose with its prior."""
+        return self.prior[0], self.prior[1], self.prior[2]
+
+    def evaluate(self, R: Array, t: Array, a: Array) -> tuple[float, Array, Array, Array]:
+        """Energy, H (12, 12), G (12,), squared distances (n,)."""
+        y, M, g, d2 = np.zeros((N, 128), np.float32), np.zeros((N, 4, 4)), np.zeros((N, 4)), np.zeros(N)
+        B, w, H, G = np.zeros((N, 4, 12)), np.zeros(N), np.empty((12, 12)), np.empty(12)
+        energy = kernels.evaluate(
+            R, t, a, self.maps, CELL, self.person, self.appearance, self.active, self.scale, self.prior, self.view,
+            y, M, g, d2, B, w, H, G,
+        )  # fmt: skip
+        return float(energy), H, G, d2
+
+    def energy(self, step: Array) -> float:
+        """Energy after a step (12,) from the minimum: what the simplex minimises."""
+        return self.evaluate(*_stepped(*self.minimum, step))[0]
+
+    def solve(self, step: Array, iterations: int = 40) -> tuple[Any, ...]:
+        """`kernels.solve` from a step (12,) away from the minimum."""
+        found: tuple[Any, ...] = kernels.solve(
+            *_stepped(*self.minimum, step), self.maps, CELL, self.person, self.appearance, self.active, self.scale,
+            self.prior, self.view, iterations, 1e-4,
+        )  # fmt: skip
+        return found
+
+
+AWAY = np.array([0.03, -0.02, 0.01, 0.01, -0.01, 0.05, 0.05, -0.1, 0.0, 0.1, 0.05, -0.05])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gradient_of_the_energy_against_differences(seed: int) -> None:
+    """G is the derivative of half the energy, the weights of Geman and McClure in it."""
+    problem = Problem.random(seed)
+    at = _stepped(*problem.minimum, AWAY)
+    energy, _, G, d2 = problem.evaluate(*at)
+    assert d2[problem.active > 0].max() > problem.scale[0]  # some landmarks are outliers and weigh less
+    directions = np.vstack([np.eye(12), np.random.default_rng(seed).normal(size=(8, 12))])
+    difference = []
+    for direction in directions:
+        h = 2e-4 / np.abs(direction).max()
+        ahead, behind = (problem.evaluate(*_stepped(*at, s * h * direction))[0] for s in (1, -1))
+        difference.append((ahead - behind) / (2 * h) / 2)
+    error = directions @ G - difference
+    # The rest comes from corners: the clip of SIFT, and bilinear sampling at whole pixels.
+    assert np.linalg.norm(error) < 0.03 * np.linalg.norm(difference)
+    assert energy > 0
+
+
+def test_the_matrix_is_that_of_gauss_and_newton() -> None:
+    """At the minimum, where residuals vanish, H is half the second derivative of the energy."""
+    problem = Problem.random(4)
+    energy, H, G, d2 = problem.evaluate(*problem.minimum)
+    np.testing.assert_allclose(d2, 0, atol=1e-5)
+    rest = problem.prior[2] @ problem.prior[2] / 0.4**2
+    assert energy == pytest.approx(rest, abs=1e-4)
+    np.testing.assert_allclose(H, H.T, rtol=1e-5, atol=1e-3)
+    assert np.linalg.eigvalsh(0.5 * (H + H.T)).min() > 0
+    for direction in np.random.default_rng(0).normal(size=(6, 12)):
+        step = 2e-3 * direction / np.linalg.norm(direction)
+        grown = problem.energy(step) - energy - 2 * G @ step
+        assert grown == pytest.approx(step @ H @ step, rel=0.35)
+
+
+def test_hidden_landmarks_say_nothing() -> None:
+    problem = Problem.random(5)
+    other = replace(problem, person=(problem.person[0].copy(), problem.person[1]))
+    other.person[0][3] += 0.2  # the one that is not active
+    at = _stepped(*problem.minimum, AWAY)
+    for a, b in zip(problem.evaluate(*at)[:3], other.evaluate(*at)[:3], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_solve_finds_the_minimum(seed: int) -> None:
+    problem = replace(Problem.random(seed), scale=np.full(N, 1e6))
+    R, t, a, energy, H, *_, evaluations = problem.solve(0.3 * AWAY)
+    _, _, G, _ = problem.evaluate(R, t, a)
+    assert energy <= problem.energy(np.zeros(12)) + 1e-3
+    assert evaluations <= 40
+    # What is left of the gradient is worth little, in units of the energy.
+    assert G @ np.linalg.solve(H, G) < 0.05
+
+
+def test_solve_and_simplex_minimise_the_same_energy() -> None:
+    problem = Problem.random(6, precision=100.0)
+    found = problem.solve(0.3 * AWAY)[3]
+    simplex = Simplex(0.3 * np.abs(AWAY) + 0.01, 3000, np.random.default_rng(0)).minimize(problem, 0.3 * AWAY)
+    assert problem.energy(simplex.b) == pytest.approx(simplex.energy)
+    assert found <= simplex.energy + 0.2
+
+
+def test_no_active_landmark_leaves_the_prior() -> None:
+    problem = replace(Problem.random(7), active=np.zeros(N))
+    R, t, a, *_ = problem.solve(0.3 * AWAY)
+    np.testing.assert_allclose(R, problem.prior[0], atol=1e-4)
+    np.testing.assert_allclose(t, problem.prior[1], atol=1e-4)
+    # Between the last animation and the one at rest, weighted by their information: 1 / 0.2^2 and 1 / 0.4^2.
+    np.testing.assert_allclose(a, 0.8 * problem.prior[2], atol=1e-3)
+
+
+def test_shape_information_is_a_schur_complement() -> None:
+    rng = np.random.default_rng(8)
+    B, M, g = rng.normal(size=(N, 4, 12)), np.stack([_positive(rng, 4) for _ in range(N)]), rng.normal(size=(N, 4))
+    weight, R, regularizer = rng.uniform(0, 1, N), exp(np.array([0.1, 0.2, 0.3])), rng.uniform(0.1, 1, 12)
+    weight[2] = 0
+    H, gradient = np.zeros((12 + 3 * N, 12 + 3 * N)), np.zeros(12 + 3 * N)
+    H[:12, :12] = np.diag(regularizer)
+    for i in range(N):
+        J = np.zeros((4, 12 + 3 * N))
+        J[:, :12] = B[i]
+        J[:2, 12 + 3 * i : 15 + 3 * i] = B[i, :2, 3:6] @ R
+        H += weight[i] * J.T @ M[i] @ J
+        gradient += weight[i] * J.T @ g[i]
+    A = np.linalg.solve(H[:12, :12], H[:12, 12:])
+    Lambda, found = kernels.shape_information(B, M, g, weight, R, regularizer)
+    np.testing.assert_allclose(Lambda, H[12:, 12:] - H[12:, :12] @ A, atol=1e-8)
+    np.testing.assert_allclose(found, gradient[12:] - A.T @ gradient[:12], atol=1e-8)
+    assert not Lambda[6:9].any()
+    assert np.linalg.eigvalsh(0.5 * (Lambda + Lambda.T)).min() > -1e-8
