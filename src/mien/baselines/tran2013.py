@@ -1,5 +1,5 @@
-"""N.-T. Tran, F.-E. Ababsa, M. Charbit, J. Feldmar and others, 3D face pose tracking from monocular camera via
-sparse representation of synthesized faces, VISAPP 2013.
+"""N.-T. Tran, J. Feldmar, M. Charbit, D. Petrovska-Delacretaz and G. Chollet, 3D face pose tracking from monocular
+camera via sparse representation of synthesized faces, VISAPP 2013.
 
 A codebook of patches for each landmark is read from views of the first frame's face. The energy of a pose is
 how badly the patches at its landmarks are sparse combinations of their codebooks: the sum of the residuals of
