@@ -178,11 +178,51 @@ def temper(M: Any, g: Any, d2: float, precision: Any) -> float:
 def rotate(w: Any, R: Any) -> Any:
     """exp(w) R (Rodrigues): (3,), (3, 3) -> (3, 3)."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
     a, b = 1.0, 0.5
     if angle > 1e-6:
         a, b = np.sin(angle) / angle, (1 - np.cos(angle)) / (angle * angle)
-    return R + (a * K + b * (K @ K)) @ R
+    out = np.empty((3, 3))
+    for c in range(3):
+        x, y, z = R[0, c], R[1, c], R[2, c]
+        # K v = w x v and K K v = w (w . v) - |w|^2 v
+        along = w[0] * x + w[1] * y + w[2] * z
+        keep = 1.0 - b * angle * angle
+        out[0, c] = keep * x + a * (w[1] * z - w[2] * y) + b * along * w[0]
+        out[1, c] = keep * y + a * (w[2] * x - w[0] * z) + b * along * w[1]
+        out[2, c] = keep * z + a * (w[0] * y - w[1] * x) + b * along * w[2]
+    return out
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def transposed_product(A: Any, B: Any) -> Any:
+    """A^T B of small matrices, without a call to BLAS: (k, m), (k, n) -> (m, n)."""
+    out = np.zeros((A.shape[1], B.shape[1]))
+    for i in range(A.shape[1]):
+        for j in range(B.shape[1]):
+            for k in range(A.shape[0]):
+                out[i, j] += A[k, i] * B[k, j]
+    return out
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def solve_positive(A: Any, b: Any) -> Any:
+    """x with A x = b for a symmetric positive definite A (d, d), by Cholesky; A is overwritten."""
+    d = b.size
+    x = b.copy()
+    for i in range(d):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            A[i, j] = np.sqrt(max(s, 1e-12)) if i == j else s / A[j, j]
+        for k in range(i):
+            x[i] -= A[i, k] * x[k]
+        x[i] /= A[i, i]
+    for i in range(d - 1, -1, -1):
+        for k in range(i + 1, d):
+            x[i] -= A[k, i] * x[k]
+        x[i] /= A[i, i]
+    return x
 
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
@@ -210,21 +250,25 @@ def evaluate(
     camera, linear, offset, ray = view
     q, J = project(neutral, units, R, t, a, camera, linear, offset)
     # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
-    V = ray.T @ R
+    V = transposed_product(ray, R)
     V[:, 1] *= -1
     V[:, 2] *= -1
     tilt, pan, J_angles = view_angles(V)
-    J_angles = J_angles @ ray.T
+    J_angles = transposed_product(J_angles.T, ray.T)
     linearize_landmarks(
         maps, cell, q, coefficients, delta, polynomial(tilt, pan, limit), U, gain, inverse_floor, active, y, M, g, d2
     )
     H[:] = information
     step = np.empty(STATE)
-    step[:3] = rotation_vector(R @ R_prior.T)
+    step[:3] = rotation_vector(transposed_product(R.T, R_prior.T))
     step[3:6] = t - t_prior
     step[6:] = a - a_prior
-    G[:] = information @ step
-    energy = step @ G
+    energy = 0.0
+    for r in range(STATE):
+        G[r] = 0.0
+        for c in range(STATE):
+            G[r] += information[r, c] * step[c]
+        energy += G[r] * step[r]
     for k in range(6):
         from_rest = a[k] - a_rest[k]
         H[6 + k, 6 + k] += rest_information[k]
@@ -242,7 +286,7 @@ def evaluate(
         B[i] = 0.0
         B[i, :2] = J[i]
         B[i, 2:, :3] = J_angles
-        MB = M[i] @ B[i]
+        MB = transposed_product(M[i], B[i])  # M is symmetric
         for r in range(STATE):
             s = 0.0
             for k in range(4):
@@ -301,34 +345,6 @@ def solve(
         A = best_H.copy()
         for k in range(STATE):
             A[k, k] *= 1.0 + damping
-        step = -np.linalg.solve(A, best_G)
-        R, t, a = rotate(step[:3], best_R), best_t + step[3:6], best_a + step[6:]
+        step = solve_positive(A, best_G)
+        R, t, a = rotate(-step[:3], best_R), best_t - step[3:6], best_a - step[6:]
     return best_R, best_t, best_a, best, best_H, best_y, best_M, best_g, best_d2, best_B, best_w, evaluations
-
-
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: Any) -> Any:
-    """What one frame says of the landmarks' positions, the pose and animation marginalised.
-
-    B, M, g: as left by `solve`; weight (n,); regularizer (12,): information of the pose step's own prior.
-    Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in head axes.
-    """
-    n = B.shape[0]
-    Lambda, gradient = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
-    Hss, gs = np.diag(regularizer), np.zeros(STATE)
-    Hsx = np.zeros((STATE, 3 * n))
-    for i in range(n):
-        if weight[i] <= 0.0:
-            continue
-        Mi, gi = weight[i] * M[i], weight[i] * g[i]
-        Jx = np.ascontiguousarray(B[i, :2, 3:6]) @ R  # crop pixels by position in head axes
-        MJ = np.ascontiguousarray(Mi[:, :2]) @ Jx
-        Hss += B[i].T @ Mi @ B[i]
-        gs += B[i].T @ gi
-        Hsx[:, 3 * i : 3 * i + 3] = B[i].T @ MJ
-        Lambda[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = Jx.T @ np.ascontiguousarray(MJ[:2])
-        gradient[3 * i : 3 * i + 3] = Jx.T @ gi[:2]
-    A = np.linalg.solve(Hss, Hsx)
-    Lambda -= Hsx.T @ A
-    gradient -= A.T @ gs
-    return Lambda, gradient

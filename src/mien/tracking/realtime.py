@@ -18,8 +18,9 @@ from mien.tracking import kernels
 from mien.tracking.learning import Level, facing_cosine, learn_face
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
-from mien.tracking.shape import ShapePosterior
+from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
+from mien.tracking.uncertainty import confidence, state_covariance
 from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
@@ -114,7 +115,8 @@ class RealtimeTracker:
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = 0
-        return self._estimate(frame, Status.INITIALIZED, np.ones(n), np.zeros(n), None)
+        first = self._solve(self._look(self.face.fine, frame, self.pose), self.pose, self.pose)
+        return self._estimate(frame, Status.INITIALIZED, first)
 
     def track(self, frame: Frame) -> Estimate:
         """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for."""
@@ -136,7 +138,7 @@ class RealtimeTracker:
             self._learn(solution)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        return self._estimate(frame, status, solution.facing.astype(float), solution.d2, solution.H)
+        return self._estimate(frame, status, solution)
 
     def _lose(self, frame: Frame, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""
@@ -234,8 +236,10 @@ class RealtimeTracker:
             self.adapted += rate * (solution.y - mean - self.adapted)  # Eq. (7), about the mean of this pose
         if s.learn_shape:
             novelty = self.shape.novelty(tilt, pan)
+            if novelty < s.least_novelty:
+                return
             regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
-            Lambda, gradient = kernels.shape_information(
+            Lambda, gradient = shape_information(
                 solution.B, solution.M, solution.g, novelty * w, R, regularizer
             )  # fmt: skip
             self.neutral = self.shape.add(self.neutral, Lambda, gradient)
@@ -249,13 +253,16 @@ class RealtimeTracker:
         p, valid = self.camera.project(X)
         return np.asarray(valid & (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1))
 
-    def _estimate(self, frame: Frame, status: Status, visibility: Array, d2: Array, H: Array | None) -> Estimate:
+    def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
+        """The present pose with what the solution says of its landmarks and its error."""
         X = self._posed(self.pose)
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, visibility, np.sqrt(d2))
-        covariance = None if H is None else np.linalg.inv(H)
+        seen = solution.facing & (solution.d2 <= self.settings.seen_distance)
+        distance = np.sqrt(solution.d2)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
+        covariance = state_covariance(solution.H, self.pose.R, self.fit.R)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
-            1.0, self.fit.mm_per_unit,
+            confidence(covariance, solution.d2[solution.facing]), self.fit.mm_per_unit,
         )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A view that was tracked well: its rotation (3, 3), SIFT descriptors (m, 128), their points (m, 3) in head axes."""
+    """A view that was tracked well: rotation (3, 3), SIFT descriptors (m, 128), their points (m, 3) in head axes."""
 
     R: Array
     descriptors: NDArray[np.float32]

@@ -36,10 +36,33 @@ class ShapePosterior:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
         self.information += Lambda
         self.vector += Lambda @ (neutral - self.start).ravel() - gradient
-        return self.start + np.linalg.solve(self.information, self.vector).reshape(-1, 3)
+        mean: Array = self.start + np.linalg.solve(self.information, self.vector).reshape(-1, 3)
+        return mean
 
     def _bin(self, angle: float) -> int:
         return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)
+
+
+def shape_information(B: Array, M: Array, g: Array, weight: Array, R: Array, regularizer: Array) -> tuple[Array, Array]:
+    """What one frame says of the landmarks' positions, the pose and animation marginalised.
+
+    B (n, 4, 12), M (n, 4, 4), g (n, 4): as left by `kernels.solve`; weight (n,); R (3, 3); regularizer (12,):
+    information of the pose step's own prior. Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in
+    head axes: the Schur complement of the pose step in the information of both.
+    """
+    n = len(B)
+    M, g = weight[:, None, None] * M, weight[:, None] * g
+    Jx = B[:, :2, 3:6] @ R  # crop pixels by position in head axes
+    MJ = M[:, :, :2] @ Jx
+    Bt = np.swapaxes(B, 1, 2)
+    Hss = np.diag(regularizer) + (Bt @ M @ B).sum(axis=0)
+    Hsx = np.swapaxes(Bt @ MJ, 0, 1).reshape(-1, 3 * n)
+    A = np.linalg.solve(Hss, Hsx)
+    Lambda = np.zeros((n, 3, n, 3))
+    Lambda[np.arange(n), :, np.arange(n), :] = np.swapaxes(Jx, 1, 2) @ MJ[:, :2]
+    gradient = np.einsum("nij,ni->nj", Jx, g[:, :2]).ravel()
+    pose_gradient = np.einsum("nia,ni->a", B, g)
+    return Lambda.reshape(3 * n, 3 * n) - Hsx.T @ A, gradient - A.T @ pose_gradient
 
 
 def prior_covariance(neutral: Array, R: Array, t: Array, settings: RealtimeSettings) -> Array:

@@ -1,0 +1,42 @@
+"""What the tracker says of its own error, calibrated against truth.
+
+The inverse of the Gauss-Newton matrix at the optimum knows the noise of one frame. What it does not know is that the
+model is wrong by a little, everywhere the same way: an error of the relief turns into an error of the angle that grows
+with the turn out of the first frame's view. Both are scaled to the errors measured on rendered sequences with exact
+truth; docs/benchmark.md gives the coverage and the reliability that result, and the command.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mien.geometry.rotation import Array, angle_between
+
+NOISE_SCALE = 0.67
+"""Factor of the standard deviations from the Gauss-Newton matrix."""
+TURN_SD = 0.046
+"""Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
+ROTATION_SD = 0.017
+"""The same by the whole angle (radians) from the first frame: axes that are not quite the head's."""
+_CONFIDENCE = (-15.1, -2.5, 4.3)
+_GOOD_DISTANCE = 40.0
+
+
+def state_covariance(H: Array, R: Array, R_first: Array) -> Array:
+    """Covariance (12, 12) of `[w, t, a]` from H (12, 12) at a rotation (3, 3), relative to the first frame's."""
+    covariance = NOISE_SCALE**2 * np.linalg.inv(H)
+    sine_squared = max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
+    systematic = TURN_SD**2 * sine_squared + (ROTATION_SD * float(angle_between(R_first, R))) ** 2
+    covariance[:3, :3] += systematic * np.eye(3)
+    return np.asarray(covariance)
+
+
+def confidence(covariance: Array, d2: Array) -> float:
+    """Probability that the rotation is right to 5 degrees: a logistic regression, fitted to measured errors, on
+    the spread of the rotation and the share of the landmarks (n,) that look as expected."""
+    bias, by_spread, by_share = _CONFIDENCE
+    share = float((d2 < _GOOD_DISTANCE).mean()) if len(d2) else 0.0
+    spread = math.log(float(np.trace(covariance[:3, :3])))
+    return 1 / (1 + math.exp(-min(max(bias + by_spread * spread + by_share * share, -30.0), 30.0)))
