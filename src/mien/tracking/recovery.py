@@ -58,7 +58,7 @@ class Keyframes:
         depth = depth_buffer(self.fit.vertices(animation) @ R.T + t, self.fit.model.triangles, view, size, size)
         mask = np.isfinite(depth).astype(np.uint8)
         gray = np.clip(crop.sample(frame.pixels), 0, 255).astype(np.uint8)
-        keypoints, descriptors = cv2.SIFT_create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(gray, mask)
+        keypoints, descriptors = cv2.SIFT.create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(gray, mask)
         if descriptors is None or len(keypoints) < _INLIERS:
             return
         q = np.array([k.pt for k in keypoints])
@@ -78,7 +78,7 @@ class Keyframes:
         scale = min(scale, 2.5, _LARGEST_SEARCH / max(frame.width, frame.height))
         interpolation = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
         image = cv2.resize(frame.gray, None, fx=scale, fy=scale, interpolation=interpolation)
-        keypoints, descriptors = cv2.SIFT_create(4 * _KEYPOINTS, contrastThreshold=0.01).detectAndCompute(image, None)
+        keypoints, descriptors = cv2.SIFT.create(4 * _KEYPOINTS, contrastThreshold=0.01).detectAndCompute(image, None)
         if descriptors is None or len(keypoints) < _INLIERS:
             return None
         p = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5
@@ -116,10 +116,13 @@ def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> tuple[int, 
     """Inliers, R and t of points X (n, 3) in head axes seen at p (n, 2)."""
     K = np.array([[camera.focal_px, 0, camera.cx], [0, camera.focal_px, camera.cy], [0, 0, 1]])
     cv2.setRNGSeed(0)
-    ok, r, t, inliers = cv2.solvePnPRansac(
-        np.ascontiguousarray(X), np.ascontiguousarray(p), K, None,
-        iterationsCount=300, reprojectionError=float(tolerance_px), flags=cv2.SOLVEPNP_SQPNP,
-    )  # fmt: skip
+    try:
+        ok, r, t, inliers = cv2.solvePnPRansac(
+            np.ascontiguousarray(X), np.ascontiguousarray(p), K, None,
+            iterationsCount=300, reprojectionError=float(tolerance_px), flags=cv2.SOLVEPNP_SQPNP,
+        )  # fmt: skip
+    except cv2.error:  # it refuses points that nearly coincide
+        return None
     if not ok or inliers is None or t[2, 0] <= 0:
         return None
     return len(inliers), exp(r[:, 0]), t[:, 0]
