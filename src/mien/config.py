@@ -55,6 +55,7 @@ class RealtimeSettings(Settings):
     coarse: DescriptorSettings = DescriptorSettings(pixels_per_unit=32.0, cell=5, blur=0.8)
     view_limit_deg: float = Field(40.0, gt=0, description="tilt and pan of the rendered views")
     views_per_angle: int = Field(9, ge=4)
+    light_contrast: float = Field(0.0, ge=0, description="side light in the rendered views, logarithm of its gain")
     rank: int = Field(8, ge=0, description="dimensions of the covariance beyond its floor")
     floor: float = Field(4e-3, gt=0, description="variance of a descriptor's entry in every direction")
     iterations: int = Field(12, ge=1)

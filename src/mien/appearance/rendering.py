@@ -44,17 +44,20 @@ def render(
     width: int,
     height: int,
     background: Image | float = 0.0,
+    light: Array | None = None,
 ) -> Rendering:
     """Draw a mesh: vertices (V, 3) in camera axes, triangles (T, 3) counter-clockwise seen from outside.
 
-    Surfaces that face away are not drawn. Interpolation is perspective-correct, sampling bilinear.
+    Surfaces that face away are not drawn. Interpolation is perspective-correct, sampling bilinear; `light` (V,)
+    multiplies the texture at each vertex.
     """
     channels = texture.image.shape[2]
     image = np.empty((height, width, channels), np.float32)
     image[:] = background
     depth = np.full((height, width), np.inf, np.float32)
     p, _ = camera.project(vertices)
-    _rasterize(p, vertices[:, 2].copy(), triangles, texture.image, texture.uv, image, depth)
+    light = np.ones(len(vertices)) if light is None else light
+    _rasterize(p, vertices[:, 2].copy(), triangles, texture.image, texture.uv, light, image, depth)
     return Rendering(image, depth)
 
 
@@ -75,7 +78,9 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.intp]) -> Array:
 
 
 @numba.njit(cache=True, fastmath={"contract", "reassoc", "arcp"})  # type: ignore[untyped-decorator]
-def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, image: Any, depth: Any) -> None:
+def _rasterize(
+    p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any, image: Any, depth: Any
+) -> None:
     height, width, channels = image.shape
     th, tw = texture.shape[0], texture.shape[1]
     for k in range(triangles.shape[0]):
@@ -108,7 +113,8 @@ def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, image: Any
                 ix, iy = min(int(tx), max(tw - 2, 0)), min(int(ty), max(th - 2, 0))
                 jx, jy = min(ix + 1, tw - 1), min(iy + 1, th - 1)
                 fx, fy = tx - ix, ty - iy
+                gain = (wa * light[a] + wb * light[b] + wc * light[c]) * d
                 for ch in range(channels):
                     top = texture[iy, ix, ch] * (1 - fx) + texture[iy, jx, ch] * fx
                     bottom = texture[jy, ix, ch] * (1 - fx) + texture[jy, jx, ch] * fx
-                    image[y, x, ch] = top * (1 - fy) + bottom * fy
+                    image[y, x, ch] = gain * (top * (1 - fy) + bottom * fy)

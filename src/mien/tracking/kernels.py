@@ -13,7 +13,8 @@ import numpy as np
 
 from mien.appearance.descriptors import _FAST, _describe_with_jacobian
 
-POLYNOMIAL_TERMS = 10
+DEGREE = 4
+POLYNOMIAL_TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
 STATE = 12
 
 
@@ -33,22 +34,20 @@ def view_angles(M: Any) -> Any:
 
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def polynomial(x: float, y: float, limit: float) -> Any:
-    """Terms (3, 10) of the cubic in tilt and pan (radians), and their two derivatives; constant past the limit."""
-    s = 1.0 / limit
-    dx = s if abs(x) < limit else 0.0
-    dy = s if abs(y) < limit else 0.0
-    x = min(max(x * s, -1.0), 1.0)
-    y = min(max(y * s, -1.0), 1.0)
-    out = np.zeros((3, 10), np.float32)
-    terms = out[0]
-    terms[0], terms[1], terms[2] = 1.0, x, y
-    terms[3], terms[4], terms[5] = x * x, x * y, y * y
-    terms[6], terms[7], terms[8], terms[9] = x * x * x, x * x * y, x * y * y, y * y * y
-    out[1, 1], out[1, 3], out[1, 4] = dx, 2 * x * dx, y * dx
-    out[1, 6], out[1, 7], out[1, 8] = 3 * x * x * dx, 2 * x * y * dx, y * y * dx
-    out[2, 2], out[2, 4], out[2, 5] = dy, x * dy, 2 * y * dy
-    out[2, 7], out[2, 8], out[2, 9] = x * x * dy, 2 * x * y * dy, 3 * y * y * dy
+def polynomial(tilt: float, pan: float, limit: float) -> Any:
+    """Terms (3, 15) of the quartic in tilt and pan (radians), and their two derivatives; constant past the limit."""
+    out = np.zeros((3, POLYNOMIAL_TERMS), np.float32)
+    x, y = min(max(tilt / limit, -1.0), 1.0), min(max(pan / limit, -1.0), 1.0)
+    dx = 1.0 / limit if abs(tilt) < limit else 0.0
+    dy = 1.0 / limit if abs(pan) < limit else 0.0
+    k = 0
+    for degree in range(DEGREE + 1):
+        for j in range(degree + 1):
+            i = degree - j
+            out[0, k] = x**i * y**j
+            out[1, k] = i * x ** max(i - 1, 0) * y**j * dx
+            out[2, k] = j * x**i * y ** max(j - 1, 0) * dy
+            k += 1
     return out
 
 

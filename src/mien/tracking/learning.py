@@ -88,11 +88,14 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     view = Camera.centred(d.pixels_per_unit * distance, size, size)
     background = float(texture.image.mean())
     limit = float(np.radians(s.view_limit_deg))
+    normals = vertex_normals(head, triangles)
+    rng = np.random.default_rng(0)
     samples, terms, visible = [], [], []
     for tilt, pan in product(np.linspace(-limit, limit, s.views_per_angle), repeat=2):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
-        image = render(head @ R.T + t, triangles, texture, view, size, size, background).image[:, :, 0]
+        light = None if s.light_contrast == 0 else random_light(normals @ R.T, s.light_contrast, rng)
+        image = render(head @ R.T + t, triangles, texture, view, size, size, background, light).image[:, :, 0]
         points = face.points @ R.T + t
         maps = orientation_maps(blurred(image, d.blur), d.cell)
         samples.append(describe(maps, view.project(points)[0], d.cell))
@@ -100,6 +103,13 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
     appearance = PoseRegression.learn(np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank)
     return Level(d, size, appearance)
+
+
+def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> Array:
+    """Brightness (V,) of a matt surface with normals (V, 3) in camera axes, lit from a random side."""
+    direction = np.append(rng.standard_normal(2), 0.0)
+    direction *= contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)
+    return np.asarray(np.exp(normals @ direction))
 
 
 def facing_cosine(X: Array, normals: Array) -> Array:
