@@ -1,0 +1,68 @@
+"""A rendered face that looks about and speaks, for the tests of the two presets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from mien.candide.model import TRACKED_UNITS
+from mien.geometry.rotation import Array, angle_between
+from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
+from mien.tracking.state import Estimate
+from mien.video import Frame
+from small_motion import face
+
+FRAMES = 40
+NOISE_SD = 2.0
+
+
+def states(frames: int = FRAMES, share: float = 1.0) -> Array:
+    """States (n, 12): pan to 25 degrees, tilt to 10, roll to 12, a shift and an open mouth, back where it began;
+    of all of it a share."""
+    phase = np.linspace(0, 2 * np.pi, frames)[:, None]
+    animation = np.zeros((frames, 6))
+    animation[:, TRACKED_UNITS.index("jaw_drop")] = 0.25 * (1 - np.cos(2 * phase[:, 0]))
+    angles, shift = np.sin(phase * [1, 1, 2]) * [-10.0, 25, 12], np.sin(phase) * [0.15, 0.05, 0.2]
+    return moved(face(), share * angles, share * shift, share * animation)
+
+
+@cache
+def sequence() -> SyntheticSequence:
+    """The face in these states, with the noise of a camera."""
+    return make_sequence(face(), states(), noise_sd=NOISE_SD)
+
+
+@cache
+def gentle_sequence() -> SyntheticSequence:
+    """The same at half the size: what the simplex follows with the evaluations that it has."""
+    return make_sequence(face(), states(share=0.5), noise_sd=NOISE_SD)
+
+
+@cache
+def leaving(across: float, down: float, frames: int = 14) -> SyntheticSequence:
+    """The face moves so many units across and down, out of the image, stays for a few frames, and comes back."""
+    there = np.linspace(0, 1, frames)
+    along = np.concatenate([there, np.ones(3), there[::-1], np.zeros(3)])[:, None]
+    still = np.zeros((len(along), 3))
+    return make_sequence(face(), moved(face(), still, along * [across, down, 0], np.tile(still, 2)), noise_sd=NOISE_SD)
+
+
+def with_frames(frames: Sequence[Frame], of: SyntheticSequence | None = None) -> SyntheticSequence:
+    """The sequence with other pictures of the same truth, numbered anew."""
+    numbered = tuple(replace(f, index=k, time=k / FPS) for k, f in enumerate(frames))
+    return replace(of or sequence(), frames=numbered)
+
+
+def errors_deg(estimates: list[Estimate], truth: SyntheticSequence) -> Array:
+    """(n,) angle in degrees between the turn since the first frame and the true one; NaN where lost."""
+    first = estimates[0].rotation
+    assert first is not None
+    return np.array(
+        [
+            np.nan if e.rotation is None else np.degrees(angle_between(e.rotation @ first.T, R @ truth.R[0].T))
+            for e, R in zip(estimates, truth.R, strict=True)
+        ]
+    )
