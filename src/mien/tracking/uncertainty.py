@@ -14,23 +14,27 @@ import numpy as np
 
 from mien.geometry.rotation import Array, angle_between
 
-NOISE_SCALE = 0.67
+NOISE_SCALE = 0.655
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.046
+TURN_SD = 0.0375
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-ROTATION_SD = 0.017
+ROTATION_SD = 0.0178
 """The same by the whole angle (radians) from the first frame: axes that are not quite the head's."""
-_CONFIDENCE = (-15.1, -2.5, 4.3)
+_CONFIDENCE = (-16.74, -2.874, 2.868)
 _GOOD_DISTANCE = 40.0
 
 
 def state_covariance(H: Array, R: Array, R_first: Array) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from H (12, 12) at a rotation (3, 3), relative to the first frame's."""
     covariance = NOISE_SCALE**2 * np.linalg.inv(H)
-    sine_squared = max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
-    systematic = TURN_SD**2 * sine_squared + (ROTATION_SD * float(angle_between(R_first, R))) ** 2
-    covariance[:3, :3] += systematic * np.eye(3)
+    covariance[:3, :3] += systematic_variance(R, R_first) * np.eye(3)
     return np.asarray(covariance)
+
+
+def systematic_variance(R: Array, R_first: Array) -> float:
+    """Variance (radians squared) about each axis that comes from the model and not from the frame."""
+    sine_squared = max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
+    return TURN_SD**2 * sine_squared + (ROTATION_SD * float(angle_between(R_first, R))) ** 2
 
 
 def confidence(covariance: Array, d2: Array) -> float:
