@@ -50,10 +50,16 @@ def leaving(across: float, down: float, frames: int = 14) -> SyntheticSequence:
     return make_sequence(face(), moved(face(), still, along * [across, down, 0], np.tile(still, 2)), noise_sd=NOISE_SD)
 
 
-def with_frames(frames: Sequence[Frame], of: SyntheticSequence | None = None) -> SyntheticSequence:
-    """The sequence with other pictures of the same truth, numbered anew."""
+def shown(frames: Sequence[Frame], of: Sequence[int] | None = None) -> SyntheticSequence:
+    """`sequence()` with other pictures, whose truth is that of the frames `of`; the pictures are numbered anew."""
+    truth, rows = sequence(), list(range(len(frames)) if of is None else of)
     numbered = tuple(replace(f, index=k, time=k / FPS) for k, f in enumerate(frames))
-    return replace(of or sequence(), frames=numbered)
+    return SyntheticSequence(numbered, truth.R[rows], truth.t[rows], truth.animation[rows], truth.landmarks[rows])
+
+
+def in_order(rows: Sequence[int]) -> SyntheticSequence:
+    """The frames of `sequence()` in another order: left out, repeated, backwards."""
+    return shown([sequence().frames[k] for k in rows], rows)
 
 
 def errors_deg(estimates: list[Estimate], truth: SyntheticSequence) -> Array:

@@ -69,9 +69,10 @@ def test_view_angles_jacobian_against_differences(tilt: float, pan: float, roll:
 
 
 def test_polynomial_by_hand() -> None:
-    """At (0.35, -0.7) of 0.7: x = 1/2, y = -1."""
+    """At (0.35, -0.7) of 0.7: x = 1/2, y = -1; up to the third degree."""
     terms = kernels.polynomial(0.35, -0.7, LIMIT)[0]
-    np.testing.assert_allclose(terms, [1, 0.5, -1, 0.25, -0.5, 1, 0.125, -0.25, 0.5, -1], rtol=1e-6)
+    np.testing.assert_allclose(terms[:10], [1, 0.5, -1, 0.25, -0.5, 1, 0.125, -0.25, 0.5, -1], rtol=1e-6)
+    assert len(terms) == kernels.POLYNOMIAL_TERMS
 
 
 @given(st.floats(-0.65, 0.65), st.floats(-0.65, 0.65))
@@ -109,6 +110,13 @@ def test_projection_and_its_jacobian(seed: int) -> None:
 def _positive(rng: np.random.Generator, n: int) -> Array:
     X = rng.normal(size=(n, 2 * n))
     return X @ X.T
+
+
+def test_small_linear_algebra() -> None:
+    rng = np.random.default_rng(3)
+    A, B, H, b = rng.normal(size=(4, 3)), rng.normal(size=(4, 12)), _positive(rng, 12), rng.normal(size=12)
+    np.testing.assert_allclose(kernels.transposed_product(A, B), A.T @ B, atol=1e-12)
+    np.testing.assert_allclose(kernels.solve_positive(H.copy(), b), np.linalg.solve(H, b), rtol=1e-6)
 
 
 def test_temper_against_the_dense_formula() -> None:
@@ -162,7 +170,7 @@ class Problem:
         maps = orientation_maps(blurred(noise, 3.0), CELL)
         (R, t, a), person = _random_pose(seed), _random_person(seed)
         ray = exp(np.array([0.05, -0.03, 0]))
-        coefficients = rng.normal(0, 0.01, (N, 10, 128)).astype(np.float32)
+        coefficients = rng.normal(0, 0.01, (N, kernels.POLYNOMIAL_TERMS, 128)).astype(np.float32)
         q, _ = kernels.project(*person, R, t, a, CAMERA, LINEAR, OFFSET)
         tilt, pan, _ = kernels.view_angles(ray.T @ R @ FACING)
         terms = kernels.polynomial(tilt, pan, LIMIT)[0]
@@ -284,24 +292,3 @@ def test_no_active_landmark_leaves_the_prior() -> None:
     np.testing.assert_allclose(t, problem.prior[1], atol=1e-4)
     # Between the last animation and the one at rest, weighted by their information: 1 / 0.2^2 and 1 / 0.4^2.
     np.testing.assert_allclose(a, 0.8 * problem.prior[2], atol=1e-3)
-
-
-def test_shape_information_is_a_schur_complement() -> None:
-    rng = np.random.default_rng(8)
-    B, M, g = rng.normal(size=(N, 4, 12)), np.stack([_positive(rng, 4) for _ in range(N)]), rng.normal(size=(N, 4))
-    weight, R, regularizer = rng.uniform(0, 1, N), exp(np.array([0.1, 0.2, 0.3])), rng.uniform(0.1, 1, 12)
-    weight[2] = 0
-    H, gradient = np.zeros((12 + 3 * N, 12 + 3 * N)), np.zeros(12 + 3 * N)
-    H[:12, :12] = np.diag(regularizer)
-    for i in range(N):
-        J = np.zeros((4, 12 + 3 * N))
-        J[:, :12] = B[i]
-        J[:2, 12 + 3 * i : 15 + 3 * i] = B[i, :2, 3:6] @ R
-        H += weight[i] * J.T @ M[i] @ J
-        gradient += weight[i] * J.T @ g[i]
-    A = np.linalg.solve(H[:12, :12], H[:12, 12:])
-    Lambda, found = kernels.shape_information(B, M, g, weight, R, regularizer)
-    np.testing.assert_allclose(Lambda, H[12:, 12:] - H[12:, :12] @ A, atol=1e-8)
-    np.testing.assert_allclose(found, gradient[12:] - A.T @ gradient[:12], atol=1e-8)
-    assert not Lambda[6:9].any()
-    assert np.linalg.eigvalsh(0.5 * (Lambda + Lambda.T)).min() > -1e-8

@@ -1,4 +1,4 @@
-"""Appearance as a function of the pose: the mean of a descriptor is a cubic polynomial of tilt and pan.
+"""Appearance as a function of the pose: the mean of a descriptor is a polynomial of tilt and pan.
 
 Descriptors are read in a crop that is normalised for scale and roll, so tilt and pan are all that is left of
 the pose. The covariance is that of what the polynomial leaves, as `I floor + low rank`.
@@ -20,7 +20,7 @@ Float32 = NDArray[np.float32]
 class PoseRegression:
     """Means and covariances of n landmarks' descriptors as functions of the pose.
 
-    coefficients: (n, 10, 128) of the cubic's terms; U: (n, k, 128) leading eigenvectors of the residual
+    coefficients: (n, p, 128) of the polynomial's p terms; U: (n, k, 128) leading eigenvectors of the residual
     covariance; gain: (n, k) such that `Sigma^-1 = I / floor + U^T diag(gain) U`; inverse_floor: (n,);
     limit: radians up to which tilt and pan were seen.
     """
@@ -37,10 +37,10 @@ class PoseRegression:
     ) -> PoseRegression:
         """Least squares over the views in which a landmark is visible.
 
-        samples: (views, n, 128); terms: (views, 10); visible: (views, n).
+        samples: (views, n, 128); terms: (views, p); visible: (views, n).
         """
         n = samples.shape[1]
-        # A landmark that is visible in too few views for ten coefficients uses them all.
+        # A landmark that is visible in too few views for its coefficients uses them all.
         weight = np.where(visible.sum(axis=0) >= 2 * terms.shape[1], visible, True).astype(np.float64)
         A = np.einsum("vp,vn,vq->npq", terms, weight, terms, optimize=True) + 1e-3 * np.eye(terms.shape[1])
         b = np.einsum("vp,vn,vnc->npc", terms, weight, samples, optimize=True)
@@ -58,5 +58,5 @@ class PoseRegression:
         )
 
     def mean(self, terms: Array) -> Float32:
-        """Means (n, 128) at a pose given by the cubic's terms (10,)."""
+        """Means (n, 128) at a pose given by the polynomial's terms (p,)."""
         return np.asarray(np.einsum("p,npc->nc", terms.astype(np.float32), self.coefficients))

@@ -1,0 +1,140 @@
+"""The tracker for use on a rendered face with known truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown
+from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError
+from mien.geometry.rotation import Array, angle_between
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.synthetic import make_sequence, moved
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Estimate, Status
+from mien.tracking.tracker import PaperTracker
+from mien.video import Frame
+from small_motion import face, run
+
+
+@pytest.fixture(scope="module")
+def estimates() -> list[Estimate]:
+    return run(RealtimeTracker(), sequence())
+
+
+def _covariance(estimate: Estimate) -> Array:
+    assert estimate.covariance is not None
+    return estimate.covariance
+
+
+def test_the_face_is_followed(estimates: list[Estimate]) -> None:
+    errors = errors_deg(estimates, sequence())
+    assert errors.mean() < 2
+    assert errors.max() < 4
+    assert [e.status for e in estimates] == [Status.INITIALIZED] + [Status.TRACKED] * (len(estimates) - 1)
+    assert [(e.index, e.time) for e in estimates] == [(f.index, f.time) for f in sequence().frames]
+
+
+def test_it_is_better_than_the_paper() -> None:
+    truth = gentle_sequence()
+    ours, papers = (errors_deg(run(tracker, truth), truth).mean() for tracker in (RealtimeTracker(), PaperTracker()))
+    assert ours < 0.6 * papers
+
+
+def test_place_and_landmarks_are_followed(estimates: list[Estimate]) -> None:
+    for estimate, t, truth in zip(estimates, sequence().t, sequence().landmarks, strict=True):
+        assert estimate.translation is not None
+        assert estimate.landmarks is not None
+        np.testing.assert_allclose(estimate.translation, t, atol=0.08)
+        assert estimate.landmarks.names == LANDMARK_NAMES
+        assert np.linalg.norm(estimate.landmarks.image - truth, axis=1).mean() < 2.5
+
+
+def test_the_jaw_is_followed(estimates: list[Estimate]) -> None:
+    jaw = TRACKED_UNITS.index("jaw_drop")
+    found = [e.animation[jaw] for e in estimates if e.animation is not None]
+    assert np.corrcoef(found, sequence().animation[:, jaw])[0, 1] > 0.95
+
+
+def test_visibility_and_confidence_are_in_their_range(estimates: list[Estimate]) -> None:
+    for estimate in estimates:
+        assert estimate.landmarks is not None
+        assert estimate.landmarks.visibility is not None
+        assert estimate.landmarks.distance is not None
+        assert ((estimate.landmarks.visibility >= 0) & (estimate.landmarks.visibility <= 1)).all()
+        assert (estimate.landmarks.distance >= 0).all()
+        assert 0 <= estimate.confidence <= 1
+
+
+def test_most_landmarks_of_a_frontal_face_are_seen(estimates: list[Estimate]) -> None:
+    visibility = [e.landmarks.visibility for e in estimates if e.landmarks is not None]
+    assert np.mean(next(v for v in visibility if v is not None)) > 0.8
+
+
+def test_the_covariance_is_one(estimates: list[Estimate]) -> None:
+    for estimate in estimates:
+        covariance = _covariance(estimate)
+        assert covariance.shape == (12, 12)
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-6 * np.abs(covariance).max())
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        assert np.isfinite(np.asarray(estimate.euler_sd)).all()
+
+
+def test_a_covered_landmark_is_reported_as_hidden() -> None:
+    """A board before the mouth and the chin of a face at rest."""
+    x0, y0 = sequence().landmarks[0][:, 0].min(), sequence().landmarks[0][LANDMARK_NAMES.index("nose_base_mid"), 1]
+    box = (int(x0) - 10, int(y0) + 8, int(x0) + 140, 239)
+    still = moved(face(), np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((8, 6)))
+    covered = make_sequence(face(), still, noise_sd=2, occluders={k: box for k in range(4, 8)})
+    estimates = run(RealtimeTracker(), covered)
+    below = covered.landmarks[0][:, 1] > box[1] + 4
+    visible = [e.landmarks.visibility for e in estimates if e.landmarks is not None]
+    before, after = visible[3], visible[-1]
+    assert before is not None
+    assert after is not None
+    assert before[below].mean() > 0.7
+    assert after[below].mean() < 0.3
+    assert after[~below].mean() > 0.7
+    assert np.nanmax(errors_deg(estimates, covered)) < 3
+
+
+def test_repeated_frames_leave_the_pose_in_place() -> None:
+    estimates = run(RealtimeTracker(), in_order([*range(11)] + [10] * 14))
+    R = np.stack([e.rotation for e in estimates[11:] if e.rotation is not None])
+    assert len(R) == 14
+    assert np.degrees(angle_between(R[4:], R[3:-1])).max() < 0.1  # once the motion that was predicted is over
+    assert np.degrees(angle_between(R[0], R[-1])) < 1
+
+
+def test_a_black_frame_does_not_destroy_the_track() -> None:
+    frames = list(sequence().frames)
+    frames[20] = Frame(np.zeros_like(frames[20].pixels))
+    estimates = run(RealtimeTracker(), shown(frames))
+    assert estimates[20].status is Status.LOST
+    assert estimates[20].reason
+    assert estimates[20].rotation is None
+    assert estimates[21].status is Status.RECOVERED
+    assert np.nanmax(errors_deg(estimates, sequence())[21:]) < 4
+
+
+def test_the_same_frames_give_the_same_numbers(estimates: list[Estimate]) -> None:
+    again = run(RealtimeTracker(), in_order(range(10)))
+    for a, b in zip(estimates, again, strict=False):
+        np.testing.assert_array_equal(np.asarray(a.rotation), np.asarray(b.rotation))
+        np.testing.assert_array_equal(_covariance(a), _covariance(b))
+
+
+def test_the_mesh_is_the_fitted_face(estimates: list[Estimate]) -> None:
+    tracker = RealtimeTracker()
+    first = tracker.initialize(face().frame, face().landmarks, face().camera)
+    mesh = tracker.mesh(first)
+    assert mesh is not None
+    np.testing.assert_allclose(mesh, face().fit.vertices() @ face().fit.R.T + face().fit.t, atol=0.05)
+    assert tracker.mesh(Estimate.lost(face().frame, "gone")) is None
+
+
+def test_landmarks_of_another_video_are_refused() -> None:
+    given = face().landmarks
+    with pytest.raises(MienError, match="outside the image"):
+        RealtimeTracker().initialize(face().frame, Landmarks(given.points + 300, given.scheme), face().camera)

@@ -1,0 +1,90 @@
+"""The shape as a latent variable: what a frame says of it, and how it adds up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import Array, exp
+from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.tracking.shape import ShapePosterior, prior_covariance, shape_information
+from small_motion import face
+
+N = 8
+SETTINGS = RealtimeSettings()
+
+
+def test_shape_information_is_a_schur_complement() -> None:
+    rng = np.random.default_rng(8)
+    B, M, g = (
+        rng.normal(size=(N, 4, 12)),
+        np.stack([X @ X.T for X in rng.normal(size=(N, 4, 8))]),
+        rng.normal(size=(N, 4)),
+    )
+    weight, R, regularizer = rng.uniform(0, 1, N), exp(np.array([0.1, 0.2, 0.3])), rng.uniform(0.1, 1, 12)
+    weight[2] = 0
+    H, gradient = np.zeros((12 + 3 * N, 12 + 3 * N)), np.zeros(12 + 3 * N)
+    H[:12, :12] = np.diag(regularizer)
+    for i in range(N):
+        J = np.zeros((4, 12 + 3 * N))
+        J[:, :12] = B[i]
+        J[:2, 12 + 3 * i : 15 + 3 * i] = B[i, :2, 3:6] @ R
+        H += weight[i] * J.T @ M[i] @ J
+        gradient += weight[i] * J.T @ g[i]
+    A = np.linalg.solve(H[:12, :12], H[:12, 12:])
+    Lambda, found = shape_information(B, M, g, weight, R, regularizer)
+    np.testing.assert_allclose(Lambda, H[12:, 12:] - H[12:, :12] @ A, atol=1e-8)
+    np.testing.assert_allclose(found, gradient[12:] - A.T @ gradient[:12], atol=1e-8)
+    assert not Lambda[6:9].any()
+    assert np.linalg.eigvalsh(0.5 * (Lambda + Lambda.T)).min() > -1e-8
+
+
+def _neutral() -> Array:
+    return np.asarray(face().fit.shape[list(LANDMARK_VERTICES.values())])
+
+
+def _prior() -> Array:
+    return prior_covariance(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+
+
+def test_the_prior_is_a_covariance() -> None:
+    prior = _prior()
+    np.testing.assert_allclose(prior, prior.T, atol=1e-12)
+    assert np.linalg.eigvalsh(prior).min() > 0
+
+
+def test_the_first_frame_leaves_depth_open_and_little_else() -> None:
+    """Along the ray of the first frame a landmark is far less certain than across it."""
+    fit, prior = face().fit, _prior()
+    for k, X in enumerate(_neutral()):
+        ray = fit.R.T @ (fit.R @ X + fit.t)
+        ray /= np.linalg.norm(ray)
+        across = np.cross(ray, [0.0, 1, 0])
+        across /= np.linalg.norm(across)
+        own = prior[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        assert np.sqrt(across @ own @ across) == pytest.approx(SETTINGS.lateral_sd, rel=1e-6)
+        assert np.sqrt(ray @ own @ ray) > 5 * SETTINGS.lateral_sd
+
+
+def test_information_adds_up_to_least_squares() -> None:
+    """A measurement of every coordinate, linearised anywhere, is weighed against the prior."""
+    posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    rng = np.random.default_rng(9)
+    measured = _neutral() + rng.normal(0, 0.05, (26, 3))
+    weight = 1 / 0.02**2
+    prior_information, mean = np.linalg.inv(_prior()), _neutral()
+    for _ in range(3):
+        gradient = weight * (mean - measured).ravel()
+        mean = posterior.add(mean, weight * np.eye(78), gradient)
+    difference = np.linalg.solve(
+        prior_information + 3 * weight * np.eye(78), 3 * weight * (measured - _neutral()).ravel()
+    )
+    np.testing.assert_allclose(mean, _neutral() + difference.reshape(-1, 3), atol=1e-8)
+
+
+def test_poses_that_come_again_say_less_and_less() -> None:
+    posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    first, second, third = (posterior.novelty(0.01, 0.02) for _ in range(3))
+    assert (second, third) == pytest.approx((first / 2, first / 3))
+    assert posterior.novelty(0.01, 0.3) == first
