@@ -78,9 +78,7 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.intp]) -> Array:
 
 
 @numba.njit(cache=True, fastmath={"contract", "reassoc", "arcp"})  # type: ignore[untyped-decorator]
-def _rasterize(
-    p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any, image: Any, depth: Any
-) -> None:
+def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any, image: Any, depth: Any) -> None:
     height, width, channels = image.shape
     th, tw = texture.shape[0], texture.shape[1]
     for k in range(triangles.shape[0]):
