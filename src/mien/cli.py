@@ -109,7 +109,7 @@ def track(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="The table; if not given, VIDEO's name.csv in this folder.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="The tracker.")] = "paper",
+    preset: Annotated[str, typer.Option(help="The tracker.")] = "realtime",
     landmarks: LandmarkFile = None,
     camera: CameraFile = None,
     focal: Focal = None,
@@ -183,7 +183,7 @@ def evaluate(
     out: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
     trackers: Annotated[
         str, typer.Option(metavar="NAMES", help="With commas between; openface:PATH reads what OpenFace wrote.")
-    ] = "paper,mediapipe",
+    ] = "realtime,paper,mediapipe",
     protocol: Annotated[str, typer.Option(help="paper, rebased or sensor.")] = "rebased",
     jobs: Annotated[int, typer.Option(min=1, help="Sequences that run at the same time.")] = 1,
     landmarks: Annotated[str, typer.Option(help="Of the first frame: detected, or from the truth.")] = "detected",

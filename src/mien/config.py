@@ -30,11 +30,11 @@ class PaperSettings(Settings):
     """The method of the paper as printed; where it gives no value, the measured default of docs/method.md."""
 
     preset: Literal["paper"] = "paper"
-    descriptor: DescriptorSettings = DescriptorSettings()
+    descriptor: DescriptorSettings = DescriptorSettings(cell=5)
     view_step_deg: float = Field(10.0, gt=0)
     view_limit_deg: float = Field(30.0, gt=0)
     eigenvalue_floor: float = Field(1e-3, gt=0, description="least eigenvalue of a descriptor's covariance")
-    forgetting: float = Field(0.02, ge=0, lt=1, description="alpha of Eq. (7) and (8)")
+    forgetting: float = Field(0.002, ge=0, lt=1, description="alpha of Eq. (7) and (8)")
     innovation: Literal["sum", "mean"] = Field(
         "sum", description="Eq. (8): the squared norm as printed (sum), or divided by 128 (mean)"
     )

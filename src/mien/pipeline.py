@@ -31,7 +31,7 @@ from mien.registry import create_tracker
 from mien.tracking.state import Estimate, Tracker
 from mien.video import Frame, Video, expected_count, open_video, select
 
-DEFAULT_PRESET = "paper"
+DEFAULT_PRESET = "realtime"
 
 Progress = Callable[[Estimate, int | None], None]
 """Called after every frame with its estimate and the number of frames to expect, None where unknown."""
