@@ -1,16 +1,21 @@
-"""Trackers of Table 1 with a part switched off or changed, for the experiments of `docs/baselines.md`.
+"""Trackers with a part switched off or changed, for the experiments of `docs/baselines.md` and `docs/method.md`.
 
 `PYTHONPATH=docs mien evaluate rendered PATH --trackers variants:XiaoWithoutReregistration -o DIR`
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from mien.baselines.la_cascia import LaCasciaTracker, warping_templates
 from mien.baselines.morency import MorencyTracker
 from mien.baselines.surface import Pose, look
 from mien.baselines.xiao import XiaoTracker
+from mien.config import PaperSettings
+from mien.tracking.tracker import PaperTracker
 from mien.video import Frame
 
 
@@ -44,3 +49,19 @@ class FrameToFrame(MorencyTracker):
 
     def __init__(self) -> None:
         super().__init__(keyframes=False)
+
+
+def _paper(**settings: Any) -> Callable[[], PaperTracker]:
+    """The preset `paper` with these settings instead of those that the tables of `docs/method.md` start from."""
+    base = {"innovation": "mean", "forgetting": 0.02, "eigenvalue_floor": 1e-3, "simplex_evaluations": 500}
+    return partial(PaperTracker, PaperSettings.model_validate({**base, "descriptor": {"cell": 6}, **settings}))
+
+
+PaperPrinted = _paper(innovation="sum")
+PaperSlow = _paper(innovation="sum", forgetting=0.002)
+PaperPerDimension = _paper()
+PaperPerDimensionFast = _paper(forgetting=0.1)
+PaperFloor = _paper(eigenvalue_floor=3e-3)
+PaperCell5 = _paper(descriptor={"cell": 5})
+PaperCell8 = _paper(descriptor={"cell": 8})
+PaperEvaluations = _paper(simplex_evaluations=800)
