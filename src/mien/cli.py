@@ -182,7 +182,7 @@ def evaluate(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="Where the data set is.")],
     out: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
     trackers: Annotated[
-        str, typer.Option(metavar="NAMES", help="With commas between; openface:PATH reads what OpenFace wrote.")
+        str, typer.Option(metavar="NAMES", help="With commas between, or all; openface:PATH reads what OpenFace wrote.")
     ] = "realtime,paper,mediapipe",
     protocol: Annotated[str, typer.Option(help="paper, rebased or sensor.")] = "rebased",
     jobs: Annotated[int, typer.Option(min=1, help="Sequences that run at the same time.")] = 1,

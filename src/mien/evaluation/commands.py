@@ -14,6 +14,7 @@ from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.evaluation.report import write_report
 from mien.evaluation.scores import Scores, load_scores
 from mien.evaluation.tables import by_kind, failures, landmarks
+from mien.registry import TRACKERS
 
 
 def evaluate(
@@ -21,7 +22,7 @@ def evaluate(
     path: Path,
     out: Path,
     *,
-    trackers: Sequence[str] = ("paper", "mediapipe"),
+    trackers: Sequence[str] = ("realtime", "paper", "mediapipe"),
     protocol: str = "rebased",
     jobs: int = 1,
     first_landmarks: str = "detected",
@@ -37,7 +38,7 @@ def evaluate(
     Raises MienError for bad input, and where no tracker has a figure for any sequence.
     """
     plan = Plan(
-        dataset, path, out, tuple(trackers), protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed
+        dataset, path, out, _named(trackers), protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed
     )
     with _progress_bar(quiet) as progress:
         run_plan(plan, jobs, time_limit, progress)
@@ -50,6 +51,12 @@ def evaluate(
     if len(failed) == len(scores.scores):
         raise MienError(f"no tracker gave a figure for any sequence; the first reason: {failed[0]}")
     return written
+
+
+def _named(trackers: Sequence[str]) -> tuple[str, ...]:
+    """The trackers by name; `all` stands for every one that needs no file of its own."""
+    every = tuple(name for name in TRACKERS if name != "openface")
+    return tuple(dict.fromkeys(t for name in trackers for t in (every if name == "all" else (name,))))
 
 
 def report(directory: Path, form: str = "markdown", protocol: str | None = None) -> Path:
