@@ -10,6 +10,7 @@ import pytest
 from long_motion import errors_deg, gentle_sequence, leaving
 from mien.config import DescriptorSettings, PaperSettings
 from mien.errors import MienError
+from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.synthetic import SyntheticSequence
 from mien.tracking.state import Estimate, Status
@@ -85,13 +86,29 @@ def test_the_database_has_a_descriptor_of_every_landmark_in_every_view() -> None
     np.testing.assert_allclose(np.linalg.norm(samples, axis=2), 1, atol=1e-3)
 
 
-@pytest.mark.parametrize("across", [3.0, -3.0])
-def test_a_face_that_leaves_the_image_is_lost_and_no_exception(across: float) -> None:
-    estimates = run(PaperTracker(), _first(leaving(across, 0), 14))
-    lost = [e for e in estimates if e.status is Status.LOST]
-    assert lost
-    assert {e.reason for e in lost} == {"the face left the image"}
-    assert all(e.rotation is None and e.landmarks is None for e in lost)
+@pytest.mark.parametrize(("across", "down"), [(3.0, 0.0), (0.0, -2.5)])
+def test_a_face_that_leaves_the_image_is_no_exception(across: float, down: float) -> None:
+    truth = leaving(across, down)
+    estimates = run(PaperTracker(QUICK), truth)
+    assert len(estimates) == len(truth.frames)
+    for estimate in estimates:
+        assert (estimate.status is Status.LOST) == (estimate.rotation is None)
+
+
+@pytest.mark.parametrize("across", [4.0, -4.0])
+def test_a_face_outside_the_image_is_lost_and_looked_for_where_it_was_first(across: float) -> None:
+    tracker = PaperTracker(QUICK)
+    tracker.initialize(face().frame, face().landmarks, face().camera)
+    tracker.b = tracker.b + np.eye(12)[3] * across
+    lost = tracker.track(face().frame)
+    assert lost.status is Status.LOST
+    assert lost.reason == "the face left the image"
+    assert lost.rotation is None
+    assert lost.landmarks is None
+    again = tracker.track(face().frame)
+    assert again.status is Status.TRACKED
+    assert again.rotation is not None
+    assert np.degrees(angle_between(again.rotation, face().fit.R)) < 8
 
 
 def test_black_frames_are_no_exception() -> None:
