@@ -1,0 +1,66 @@
+"""Finding a face again by keyframes: where it is, and not where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from long_motion import sequence
+from mien.geometry.rotation import angle_between
+from mien.tracking.recovery import Keyframes, _pnp
+from mien.video import Frame
+from small_motion import face
+
+
+@pytest.fixture(scope="module")
+def keyframes() -> Keyframes:
+    """Of the first frame alone."""
+    found = Keyframes(face().fit, face().camera)
+    found.add(sequence().frames[0], face().fit.R, face().fit.t, face().fit.animation)
+    return found
+
+
+@pytest.mark.parametrize("index", [0, 3, 6, 36])
+def test_a_face_is_found_from_nothing(keyframes: Keyframes, index: int) -> None:
+    found = keyframes.find(sequence().frames[index], float(face().fit.t[2]))
+    assert found is not None
+    R, t = found
+    assert np.degrees(angle_between(R, sequence().R[index])) < 10
+    np.testing.assert_allclose(t, sequence().t[index], atol=0.3)
+
+
+def test_a_face_is_found_at_another_place_and_size(keyframes: Keyframes) -> None:
+    """The picture shifted by 60 pixels to the right and 20 down."""
+    pixels = np.roll(sequence().frames[0].pixels, (20, 60), axis=(0, 1))
+    found = keyframes.find(Frame(pixels), 1.2 * float(face().fit.t[2]))
+    assert found is not None
+    before, after = (face().camera.project(t)[0] for t in (face().fit.t, found[1]))
+    np.testing.assert_allclose(after - before, [60, 20], atol=4)
+
+
+@pytest.mark.parametrize("value", [0, 128, 255])
+def test_nothing_is_found_in_a_flat_picture(keyframes: Keyframes, value: int) -> None:
+    pixels = np.full((240, 320, 3), value, np.uint8)
+    assert keyframes.find(Frame(pixels), 3.0) is None
+
+
+def test_nothing_is_found_in_noise(keyframes: Keyframes) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (240, 320, 3)).astype(np.uint8)
+    assert keyframes.find(Frame(pixels), 3.0) is None
+
+
+def test_without_keyframes_nothing_is_found() -> None:
+    empty = Keyframes(face().fit, face().camera)
+    empty.add(Frame(np.zeros((240, 320, 3), np.uint8)), face().fit.R, face().fit.t, face().fit.animation)
+    assert not empty.keyframes  # no keypoints, nothing to keep
+    assert empty.find(sequence().frames[0], 3.0) is None
+
+
+def test_a_view_is_new_where_no_other_is_near(keyframes: Keyframes) -> None:
+    assert not keyframes.is_new(face().fit.R)
+    assert keyframes.is_new(sequence().R[10])
+
+
+def test_points_that_coincide_give_no_pose() -> None:
+    X = np.random.default_rng(0).normal(size=(10, 3))
+    assert _pnp(X, np.full((10, 2), 50.0), face().camera, 5.0) is None

@@ -1,0 +1,55 @@
+"""The reported error: a covariance that grows with the turn, a confidence that falls with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from mien.appearance.views import rotation
+from mien.geometry.rotation import FACING, Array, exp
+from mien.tracking.uncertainty import (
+    NOISE_SCALE,
+    ROTATION_SD,
+    TURN_SD,
+    confidence,
+    state_covariance,
+    systematic_variance,
+)
+from strategies import head_rotations, rotation_vectors
+
+H = np.diag([400.0, 400, 2500] + [100.0] * 9)
+
+
+def test_at_the_first_pose_the_noise_is_all() -> None:
+    np.testing.assert_allclose(state_covariance(H, FACING, FACING), NOISE_SCALE**2 * np.linalg.inv(H))
+
+
+@given(head_rotations(), head_rotations())
+def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
+    covariance = state_covariance(H, R, R_first)
+    assert np.linalg.eigvalsh(covariance - NOISE_SCALE**2 * np.linalg.inv(H)).min() > -1e-12
+    np.testing.assert_array_equal(covariance[3:, 3:], state_covariance(H, R_first, R_first)[3:, 3:])
+
+
+def test_systematic_variance_by_hand() -> None:
+    """Half a radian of pan: out of the plane by its sine. Of roll: not out of the plane at all."""
+    assert systematic_variance(rotation(0, 0.5, 0), FACING) == pytest.approx(
+        (TURN_SD * np.sin(0.5)) ** 2 + (ROTATION_SD * 0.5) ** 2
+    )
+    assert systematic_variance(rotation(0, 0, 0.5), FACING) == pytest.approx((ROTATION_SD * 0.5) ** 2)
+
+
+@given(head_rotations(), head_rotations(), rotation_vectors())
+@settings(deadline=None)
+def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
+    assert systematic_variance(exp(v) @ R, exp(v) @ R_first) == pytest.approx(systematic_variance(R, R_first), abs=1e-9)
+
+
+def test_confidence_falls_with_the_spread_and_with_what_looks_wrong() -> None:
+    right, wrong = np.zeros(26), np.full(26, 1e3)
+    spreads = [confidence(scale * np.eye(12), right) for scale in (1e-5, 1e-3, 1e-1, 10)]
+    assert all(a > b for a, b in zip(spreads, spreads[1:], strict=False))
+    assert confidence(1e-3 * np.eye(12), right) > confidence(1e-3 * np.eye(12), wrong)
+    assert all(0 <= c <= 1 for c in spreads)
+    assert confidence(1e9 * np.eye(12), np.zeros(0)) == pytest.approx(0, abs=1e-9)
