@@ -59,7 +59,7 @@ class RealtimeSettings(Settings):
     rank: int = Field(12, ge=0, description="dimensions of the covariance beyond its floor")
     floor: float = Field(4e-3, gt=0, description="variance of a descriptor's entry in every direction")
     iterations: int = Field(12, ge=1)
-    tolerance: float = Field(0.05, gt=0, description="least gain of an iteration, in units of the energy")
+    tolerance: float = Field(0.3, gt=0, description="least gain of an iteration, in units of the energy")
     robust_factor: float = Field(1.0, gt=0, description="distance, over the expected one, at which trust is halved")
     jaw_tolerance: float = Field(2.0, gt=0, description="the same for lower lip and chin, times this")
     expected_distance: float = Field(25.0, gt=0, description="squared distance of a landmark, until measured")

@@ -47,8 +47,11 @@ class Keyframes:
 
     def is_new(self, R: Array) -> bool:
         """Whether a view at this rotation would add something."""
-        far = all(angle_between(R, k.R) > _KEYFRAME_SPACING for k in self.keyframes)
-        return far and len(self.keyframes) < _MOST_KEYFRAMES
+        if len(self.keyframes) >= _MOST_KEYFRAMES:
+            return False
+        return not self.keyframes or bool(
+            angle_between(R, np.stack([k.R for k in self.keyframes])).min() > _KEYFRAME_SPACING
+        )
 
     def add(self, frame: Frame, R: Array, t: Array, animation: Array) -> None:
         """Keep a view; without keypoints on the face there is nothing to keep."""
