@@ -23,8 +23,8 @@ from mien import cli
 from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import Landmarks
 from mien.output.track import Track
+from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
-from mien.tracking.tracker import PaperTracker
 from mien.video import Frame
 from videos import known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
 
@@ -118,7 +118,7 @@ def test_json_is_enough_to_get_the_same_numbers(mien: Command, video: Path, mark
     assert settings["frames"] == 6
     assert len(settings["video"]["sha256"]) == 64
     assert len(settings["landmark_names"]) == 26
-    assert settings["settings"]["preset"] == "paper"
+    assert settings["settings"]["preset"] == "realtime"
     assert "head_height" in settings["shape_units"]
     mien("track", video, "-o", "again.csv", "--landmarks", "out.json", "--camera", "out.json", "--quiet")
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
@@ -395,10 +395,10 @@ def test_disk_full_for_the_overlay_leaves_the_table(mien: Command, marks: Path, 
 # Stopped on the way
 
 
-def _stop_at(frame: int, error: BaseException) -> Callable[[PaperTracker, Frame], Estimate]:
-    original = PaperTracker.track
+def _stop_at(frame: int, error: BaseException) -> Callable[[RealtimeTracker, Frame], Estimate]:
+    original = RealtimeTracker.track
 
-    def track(self: PaperTracker, image: Frame) -> Estimate:
+    def track(self: RealtimeTracker, image: Frame) -> Estimate:
         if image.index == frame:
             raise error
         return original(self, image)
@@ -409,7 +409,7 @@ def _stop_at(frame: int, error: BaseException) -> Callable[[PaperTracker, Frame]
 def test_interrupt_writes_what_was_tracked(
     mien: Command, video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(PaperTracker, "track", _stop_at(4, KeyboardInterrupt()))
+    monkeypatch.setattr(RealtimeTracker, "track", _stop_at(4, KeyboardInterrupt()))
     result = mien("track", video, "-o", "out.csv", "--landmarks", marks, "--overlay", "over.mp4", "--plot", "plot.png")
     assert result.status == 130
     assert "stopped after 4 frames, which are in out.csv" in result.err
@@ -424,7 +424,7 @@ def test_a_crash_writes_what_was_tracked_and_goes_on(
     video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(PaperTracker, "track", _stop_at(2, RuntimeError("a bug")))
+    monkeypatch.setattr(RealtimeTracker, "track", _stop_at(2, RuntimeError("a bug")))
     with warnings.catch_warnings(), pytest.raises(RuntimeError, match="a bug"):
         cli.app(["track", str(video), "-o", "out.csv", "--landmarks", str(marks)])
     assert len(Track.read(tmp_path / "out.csv")) == 2
@@ -436,7 +436,7 @@ def test_interrupt_before_the_first_frame_writes_nothing(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(PaperTracker, "initialize", interrupted)
+    monkeypatch.setattr(RealtimeTracker, "initialize", interrupted)
     assert mien("track", video, "-o", "out.csv", "--landmarks", marks).status == 130
     assert names(tmp_path) == {video.name, marks.name}
 
@@ -446,12 +446,12 @@ def test_interrupt_before_the_first_frame_writes_nothing(
 def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Path, number: int) -> None:
     """A whole process, which sends itself the signal before the fourth frame."""
     code = (
-        "import os\nfrom mien.cli import main\nfrom mien.tracking.tracker import PaperTracker\n"
-        "original = PaperTracker.track\n"
+        "import os\nfrom mien.cli import main\nfrom mien.tracking.realtime import RealtimeTracker\n"
+        "original = RealtimeTracker.track\n"
         "def track(self, frame):\n"
         f"    if frame.index == 3: os.kill(os.getpid(), {int(number)})\n"
         "    return original(self, frame)\n"
-        "PaperTracker.track = track\nmain()\n"
+        "RealtimeTracker.track = track\nmain()\n"
     )
     command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ | {"NO_COLOR": "1"})
