@@ -22,7 +22,7 @@ CAMERA = np.array([280.0, 159.5, 119.5])
 LINEAR, OFFSET = np.array([[0.9, 0.3], [-0.3, 0.9]]), np.array([-85.0, 15.0])
 N, RANK, CELL, LIMIT = 8, 5, 4, 0.7
 ANGLES = st.floats(-1.2, 1.2)
-FEW = settings(max_examples=40, deadline=None)
+FEW = settings(max_examples=40)
 
 
 def _random_pose(seed: int) -> tuple[Array, Array, Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp
@@ -41,7 +41,6 @@ def test_systematic_variance_by_hand() -> None:
 
 
 @given(head_rotations(), head_rotations(), rotation_vectors())
-@settings(deadline=None)
 def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
     assert systematic_variance(exp(v) @ R, exp(v) @ R_first) == pytest.approx(systematic_variance(R, R_first), abs=1e-9)
 
