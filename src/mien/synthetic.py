@@ -6,7 +6,7 @@ use it. The head carries a rim of hair and neck with it, which fades into the bl
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 
@@ -102,11 +102,9 @@ def make_sequence(
     occluders: frame -> rectangle (x0, y0, x1, y1) in pixels that something covers; blank: frames without a picture.
     """
     rng = np.random.default_rng(seed)
-    face = _Face(portrait)
     poses = [unpack(b) for b in states]
     frames = []
-    for index, (R, t, animation) in enumerate(poses):
-        image = face.draw(R, t, animation)
+    for index, image in enumerate(pictures(portrait, states)):
         if occluders and index in occluders:
             x0, y0, x1, y1 = occluders[index]
             image[y0:y1, x0:x1] = OCCLUDER_COLOUR
@@ -119,6 +117,12 @@ def make_sequence(
     R, t, animation = (np.stack(values) for values in zip(*poses, strict=True))
     landmarks = np.stack([_project_landmarks(portrait, *pose) for pose in poses])
     return SyntheticSequence(tuple(frames), R, t, animation, landmarks)
+
+
+def pictures(portrait: Portrait, states: Array) -> Iterator[NDArray[np.float32]]:
+    """The portrait in the states (n, 12) before noise and rounding: one (H, W, 3) float32 each."""
+    face = _Face(portrait)
+    return (face.draw(*unpack(b)) for b in states)
 
 
 def _project_landmarks(portrait: Portrait, R: Array, t: Array, animation: Array) -> Array:

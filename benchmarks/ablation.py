@@ -1,0 +1,153 @@
+"""The real-time tracker with one mechanism off at a time, on the rendered sequences, as a Markdown table.
+
+`OMP_NUM_THREADS=1 python benchmarks/ablation.py PATH`, with PATH the folder of the rendered sequences. Protocol
+`rebased`, landmarks from the detector, found once for all rows. `jaw` is the correlation of `jaw_drop` with jawOpen
+over the sequences of kind `expression`; the last two columns see every third frame alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from mien.appearance.regression import PoseRegression
+from mien.candide.model import TRACKED_UNITS
+from mien.config import RealtimeSettings
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence, Truth
+from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
+from mien.evaluation.results import SequenceResult, TrackTable
+from mien.evaluation.scores import Score, pooled_errors
+from mien.geometry.camera import Camera
+from mien.initialization.detector import detect
+from mien.initialization.landmarks import Landmarks
+from mien.tracking import learning
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Estimate
+from mien.video import Frame, open_video
+
+KINDS = ("uniform", "expression", "light", "occluded", "wide")
+STEP = 3
+JAW = TRACKED_UNITS.index("jaw_drop")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A sequence as a tracker sees it: some of its frames, their truth, landmarks of the first."""
+
+    sequence: Sequence
+    frames: list[Frame]
+    truth: Truth
+    landmarks: Landmarks
+
+
+def prepare(sequence: Sequence) -> Run:
+    """Decode a sequence and find its face."""
+    frames = list(open_video(sequence.video))
+    return Run(sequence, frames, sequence.read_truth(len(frames)), detect(frames[0])[0])
+
+
+def thinned(run: Run, step: int) -> Run:
+    """Every step-th frame of a run."""
+    frames = run.frames[::step]
+    rotations, expression = (None if a is None else a[::step] for a in (run.truth.rotations, run.truth.expression))
+    truth = replace(run.truth, frames=len(frames), rotations=rotations, expression=expression, landmarks=None)
+    return replace(run, frames=frames, truth=truth)
+
+
+class FrontalAppearance(RealtimeTracker):
+    """The regression's constant term alone: the look from the front, with the covariance of the regression."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        estimate = super().initialize(frame, landmarks, camera)
+        for level in (self.face.coarse, self.face.fine):
+            level.appearance.coefficients[:, 1:] = 0
+        return estimate
+
+
+class _OneGaussian(PoseRegression):
+    @classmethod
+    def learn(cls, samples: Any, terms: Any, *args: Any) -> PoseRegression:
+        return super().learn(samples, terms * (np.arange(terms.shape[1]) == 0), *args)
+
+
+class OneGaussian(RealtimeTracker):
+    """One mean and covariance for all views, as in the paper."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        with patch.object(learning, "PoseRegression", _OneGaussian):
+            return super().initialize(frame, landmarks, camera)
+
+
+class WithoutDepths(RealtimeTracker):
+    """The detector's depths are not used."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        return super().initialize(frame, replace(landmarks, depths=None), camera)
+
+
+def _set(**settings: Any) -> Callable[[], RealtimeTracker]:
+    return lambda: RealtimeTracker(RealtimeSettings.model_validate(settings))
+
+
+TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
+    "full": RealtimeTracker,
+    "appearance from the front only": FrontalAppearance,
+    "one Gaussian for all views, as in the paper": OneGaussian,
+    "5x5 views, not 9x9": _set(views_per_angle=5),
+    "no light in the views": _set(light_contrast=0),
+    "shape not learned": _set(learn_shape=False),
+    "detector's depths ignored": WithoutDepths,
+    "no robust weights": _set(robust_factor=1e9),
+    "no visibility by normals": _set(hidden_cosine=-1),
+    "no prediction": _set(velocity=0),
+    "no coarse search": _set(retry_distance=1e9),
+    "no jaw search": _set(jaw_retry_distance=1e9),
+    "no loss, no recovery": _set(least_share=0),
+    "angles of patches believed entirely": _set(appearance_angle_sd_deg=0.01),
+    "angles of patches ignored": _set(appearance_angle_sd_deg=1000),
+    "with Eq. (7), alpha 0.005": _set(forgetting=0.005),
+    "with Eq. (7), alpha 0.03": _set(forgetting=0.03),
+}
+
+
+def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
+    """What a tracker makes of a run."""
+    tracker, sequence, first = make(), run.sequence, run.frames[0]
+    estimates = [tracker.initialize(first, run.landmarks, sequence.camera_for(first.width, first.height))]
+    estimates += [tracker.track(frame) for frame in run.frames[1:]]
+    track = TrackTable.of(estimates)
+    result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=track, truth=run.truth)
+    return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
+
+
+def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
+    """A tracker's row of the table."""
+    for kind in KINDS:
+        yield f"{pooled_errors([s for s in every if s.result.kind == kind]).mean():.2f}"
+    yield f"{pooled_errors(every).mean():.2f}"
+    yield str(sum(s.lost for s in every))
+    yield f"{np.mean([s.unit_correlations[JAW] for s in every if s.result.kind == 'expression']):.2f}"
+    yield f"{pooled_errors(third).mean():.2f}"
+    yield str(sum(s.lost for s in third))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("path", type=Path)
+    every = [prepare(sequence) for sequence in load_dataset("rendered", parser.parse_args().path)]
+    columns = ("", *KINDS, "all", "lost", "jaw", "all, every third", "lost")
+    print("| " + " | ".join(columns) + " |", "|---" * len(columns) + "|", sep="\n")
+    for name, make in TRACKERS.items():
+        scores = ([score(make, thinned(run, step)) for run in every] for step in (1, STEP))
+        print("| " + " | ".join((name, *cells(*scores))) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
