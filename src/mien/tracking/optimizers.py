@@ -9,6 +9,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mien.geometry.rotation import Array
+from mien.tracking.posterior import PosePosterior
+from mien.tracking.state import pack, unpack
 
 
 class Energy(Protocol):
@@ -55,3 +57,19 @@ class Simplex:
             },
         )
         return Solution(start + self.sd * result.x, float(result.fun), int(result.nfev))
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt:
+    """Gauss-Newton with damping, by the analytic derivatives of an energy that has them.
+
+    tolerance: least gain of an iteration, in units of the energy.
+    """
+
+    iterations: int
+    tolerance: float
+
+    def minimize(self, problem: PosePosterior, start: Array) -> Solution:
+        """The lowest point found within the iterations that are allowed."""
+        R, t, a, energy, *_, evaluations = problem.solve(*unpack(start), self.iterations, self.tolerance)
+        return Solution(pack(R, t, a), float(energy), int(evaluations))

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from mien.geometry.rotation import Array
+from mien.tracking import kernels
 from mien.tracking.likelihood import AppearanceLikelihood
 from mien.tracking.prior import GaussianPrior
+from mien.tracking.state import unpack
 
 
 @dataclass(frozen=True)
@@ -19,3 +24,36 @@ class Posterior:
     def energy(self, b: Array) -> float:
         """Eq. (9): the function of the state b (12,) that tracking minimises."""
         return self.likelihood.energy(b) + self.prior.energy(b)
+
+
+@dataclass(frozen=True)
+class PosePosterior:
+    """Eq. (9) with an appearance that follows the pose, robust, with derivatives; the fields are `kernels.solve`'s.
+
+    maps (H, W, 8) and cell: what the descriptors are read from; person: neutral landmarks and animation units;
+    appearance: regression, adaptation and systematic error; active (n,): landmarks that take part; scale (n,):
+    squared distances at which they lose their weight; prior: predicted state, its information, and the rest of
+    the animation; view: camera and crop.
+    """
+
+    maps: Any
+    cell: int
+    person: tuple[Any, ...]
+    appearance: tuple[Any, ...]
+    active: Array
+    scale: Array
+    prior: tuple[Any, ...]
+    view: tuple[Any, ...]
+
+    def energy(self, b: Array) -> float:
+        """Energy of a state b (12,), Eq. (2)."""
+        R, t, a = unpack(b)
+        return float(self.solve(R, t, a, 1, 0.0)[3])
+
+    def solve(self, R: Array, t: Array, a: Array, iterations: int, tolerance: float) -> tuple[Any, ...]:
+        """`kernels.solve` from a state."""
+        solution: tuple[Any, ...] = kernels.solve(
+            np.ascontiguousarray(R), t, a, self.maps, self.cell, self.person, self.appearance, self.active, self.scale,
+            self.prior, self.view, iterations, tolerance,
+        )  # fmt: skip
+        return solution

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.learning import Level, facing_cosine, learn_face
+from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
@@ -123,11 +125,10 @@ class RealtimeTracker:
         s = self.settings
         solution, status = self._search(frame), Status.TRACKED
         if solution.share(s.seen_distance) < s.least_share:
-            found = (
-                self._recover(frame) if self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0 else None
-            )
+            search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
+            found = self._recover(frame) if search else None
             if found is None:
-                return self._lose(frame, solution)
+                return self._lose(frame)
             solution = found
         if self.lost_frames:
             status = Status.RECOVERED
@@ -140,7 +141,7 @@ class RealtimeTracker:
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         return self._estimate(frame, status, solution)
 
-    def _lose(self, frame: Frame, solution: Solution) -> Estimate:
+    def _lose(self, frame: Frame) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""
         self.lost_frames += 1
         self.velocity = np.zeros(12)
@@ -151,11 +152,7 @@ class RealtimeTracker:
     def _recover(self, frame: Frame) -> Solution | None:
         """The face at a pose that the keyframes or the detector propose, if it is the one of the first frame."""
         s = self.settings
-        for propose in (
-            lambda: self.keyframes.find(frame, float(self.pose.t[2])),
-            lambda: find_by_detector(frame, self.fit, self.camera),
-        ):
-            placed = propose()
+        for placed in self._proposals(frame):
             if placed is None:
                 continue
             start = Pose(*placed, self.fit.animation)
@@ -170,6 +167,10 @@ class RealtimeTracker:
         if estimate.rotation is None or estimate.translation is None:
             return None
         return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+
+    def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array] | None]:
+        yield self.keyframes.find(frame, float(self.pose.t[2]))
+        yield find_by_detector(frame, self.fit, self.camera)
 
     def _search(self, frame: Frame) -> Solution:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""
@@ -210,17 +211,27 @@ class RealtimeTracker:
 
     def _solve(self, view: View, start: Pose, predicted: Pose) -> Solution:
         """Levenberg-Marquardt in one view."""
-        s, appearance = self.settings, view.level.appearance
-        R, t, a, energy, H, y, M, g, d2, B, w, _ = kernels.solve(
-            start.R, start.t, start.animation, view.maps, view.level.descriptor.cell, (self.neutral, self.units),
-            (appearance.coefficients, self.adapted, appearance.U, appearance.gain, appearance.inverse_floor,
-             appearance.limit, self.precision),
-            view.facing.astype(np.float64), self.tolerance * self.expected,
-            (predicted.R, predicted.t, predicted.animation, self.information, self.fit.animation,
-             self.rest_information),
-            view.geometry, s.iterations, s.tolerance,
-        )  # fmt: skip
+        s = self.settings
+        R, t, a, energy, H, y, M, g, d2, B, w, _ = self._posterior(view, predicted).solve(
+            start.R, start.t, start.animation, s.iterations, s.tolerance
+        )
         return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, view.facing)
+
+    def _posterior(self, view: View, predicted: Pose) -> PosePosterior:
+        """Eq. (9) for one view, the prior centred on a prediction."""
+        appearance = view.level.appearance
+        return PosePosterior(
+            maps=view.maps,
+            cell=view.level.descriptor.cell,
+            person=(self.neutral, self.units),
+            appearance=(appearance.coefficients, self.adapted, appearance.U, appearance.gain,
+                        appearance.inverse_floor, appearance.limit, self.precision),
+            active=view.facing.astype(np.float64),
+            scale=self.tolerance * self.expected,
+            prior=(predicted.R, predicted.t, predicted.animation, self.information, self.fit.animation,
+                   self.rest_information),
+            view=view.geometry,
+        )  # fmt: skip
 
     def _learn(self, solution: Solution) -> None:
         s = self.settings
