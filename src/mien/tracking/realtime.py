@@ -117,8 +117,17 @@ class RealtimeTracker:
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = 0
-        first = self._solve(self._look(self.face.fine, frame, self.pose), self.pose, self.pose)
-        return self._estimate(frame, Status.INITIALIZED, first)
+        settled = self._settle(frame)
+        self.first_rotation = self.pose.R
+        return self._estimate(frame, Status.INITIALIZED, settled)
+
+    def _settle(self, frame: Frame) -> Solution:
+        """Move the first pose from where the landmarks put it to where the learned appearance finds it: every later
+        rotation is measured from it."""
+        for _ in range(3):
+            solution = self._solve(self._look(self.face.fine, frame, self.pose), self.pose, self.pose)
+            self.pose = solution.pose
+        return solution
 
     def track(self, frame: Frame) -> Estimate:
         """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for."""
@@ -128,7 +137,7 @@ class RealtimeTracker:
             search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
             found = self._recover(frame) if search else None
             if found is None:
-                return self._lose(frame)
+                return self._lose(frame, solution)
             solution = found
         if self.lost_frames:
             status = Status.RECOVERED
@@ -141,11 +150,11 @@ class RealtimeTracker:
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         return self._estimate(frame, status, solution)
 
-    def _lose(self, frame: Frame) -> Estimate:
+    def _lose(self, frame: Frame, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""
         self.lost_frames += 1
         self.velocity = np.zeros(12)
-        outside = not self._inside(self._posed(self.pose), frame).any()
+        outside = self._inside(self._posed(solution.pose), frame).mean() < 0.5
         reason = "the face left the image" if outside else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
@@ -270,7 +279,7 @@ class RealtimeTracker:
         seen = solution.facing & (solution.d2 <= self.settings.seen_distance)
         distance = np.sqrt(solution.d2)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
-        covariance = state_covariance(solution.H, self.pose.R, self.fit.R)
+        covariance = state_covariance(solution.H, self.pose.R, self.first_rotation)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             confidence(covariance, solution.d2[solution.facing]), self.fit.mm_per_unit,
