@@ -47,8 +47,14 @@ def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Ar
 
 def test_confidence_falls_with_the_spread_and_with_what_looks_wrong() -> None:
     right, wrong = np.zeros(26), np.full(26, 1e3)
-    spreads = [confidence(scale * np.eye(12), right) for scale in (1e-5, 1e-3, 1e-1, 10)]
+    spreads = [confidence(scale * np.eye(12), right, FACING, FACING) for scale in (1e-5, 1e-3, 1e-1, 10)]
     assert spreads == sorted(spreads, reverse=True)
-    assert confidence(1e-3 * np.eye(12), right) > confidence(1e-3 * np.eye(12), wrong)
+    assert confidence(1e-3 * np.eye(12), right, FACING, FACING) > confidence(1e-3 * np.eye(12), wrong, FACING, FACING)
     assert all(0 <= c <= 1 for c in spreads)
-    assert confidence(1e9 * np.eye(12), np.zeros(0)) == pytest.approx(0, abs=1e-9)
+    assert confidence(1e9 * np.eye(12), np.zeros(0), FACING, FACING) == pytest.approx(0, abs=1e-9)
+
+
+def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
+    stranger = np.full(26, 55.0)
+    assert confidence(1e-5 * np.eye(12), stranger, FACING, FACING) < 0.01
+    assert confidence(1e-5 * np.eye(12), np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING) > 0.9

@@ -282,7 +282,7 @@ class RealtimeTracker:
         covariance = state_covariance(solution.H, self.pose.R, self.first_rotation)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
-            confidence(covariance, solution.d2[solution.facing]), self.fit.mm_per_unit,
+            confidence(covariance, solution.d2[solution.facing], self.pose.R, self.first_rotation), self.fit.mm_per_unit,
         )  # fmt: skip
 
 

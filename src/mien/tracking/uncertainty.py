@@ -22,6 +22,9 @@ ROTATION_SD = 0.0218
 """The same by the whole angle (radians) from the first frame: axes that are not quite the head's."""
 _CONFIDENCE = (-15.02, -2.576, 3.092)
 _GOOD_DISTANCE = 40.0
+_STRANGER = (36.0, 20.0, 2.0)
+"""Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
+turn, and the width of the step: between strangers and the same face of three subjects."""
 
 
 def state_covariance(H: Array, R: Array, R_first: Array) -> Array:
@@ -37,10 +40,22 @@ def systematic_variance(R: Array, R_first: Array) -> float:
     return TURN_SD**2 * sine_squared + (ROTATION_SD * float(angle_between(R_first, R))) ** 2
 
 
-def confidence(covariance: Array, d2: Array) -> float:
-    """Probability that the rotation is right to 5 degrees: a logistic regression, fitted to measured errors, on
-    the spread of the rotation and the share of the landmarks (n,) that look as expected."""
+def confidence(covariance: Array, d2: Array, R: Array, R_first: Array) -> float:
+    """Probability that the rotation is right to 5 degrees, given squared distances d2 (n,) of the landmarks seen.
+
+    A logistic regression, fitted to measured errors, on the spread of the rotation and the share of landmarks that
+    look as expected, times the probability that this is the face of the first frame at all.
+    """
+    if not len(d2):
+        return 0.0
     bias, by_spread, by_share = _CONFIDENCE
-    share = float((d2 < _GOOD_DISTANCE).mean()) if len(d2) else 0.0
     spread = math.log(float(np.trace(covariance[:3, :3])))
-    return 1 / (1 + math.exp(-min(max(bias + by_spread * spread + by_share * share, -30.0), 30.0)))
+    right = _logistic(bias + by_spread * spread + by_share * float((d2 < _GOOD_DISTANCE).mean()))
+    turn = math.acos(min(max(float(R[:, 2] @ R_first[:, 2]), -1.0), 1.0))
+    stranger, by_turn, width = _STRANGER
+    best_quarter = float(np.percentile(d2, 25))
+    return right * _logistic((stranger + by_turn * turn - best_quarter) / width)
+
+
+def _logistic(x: float) -> float:
+    return 1 / (1 + math.exp(-min(max(x, -30.0), 30.0)))
