@@ -280,9 +280,10 @@ class RealtimeTracker:
         distance = np.sqrt(solution.d2)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
         covariance = state_covariance(solution.H, self.pose.R, self.first_rotation)
+        sure = confidence(covariance, solution.d2[solution.facing], self.pose.R, self.first_rotation)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
-            confidence(covariance, solution.d2[solution.facing], self.pose.R, self.first_rotation), self.fit.mm_per_unit,
+            sure, self.fit.mm_per_unit,
         )  # fmt: skip
 
 
