@@ -66,9 +66,9 @@ def bounds_deg(face: Portrait, states: Array) -> Array:
     return out
 
 
-def errors_deg(face: Portrait, states: Array, seed: int) -> Array:
+def errors_deg(face: Portrait, states: Array, noise_sd: float, seed: int = 0) -> Array:
     """Rotation vectors (n, 3) in degrees that turn the truth since the first frame into the estimate."""
-    sequence = make_sequence(face, states, noise_sd=NOISE_SD, seed=seed)
+    sequence = make_sequence(face, states, noise_sd=noise_sd, seed=seed)
     tracker = RealtimeTracker()
     first = tracker.initialize(sequence.frames[0], face.landmarks, face.camera)
     estimates = [first, *(tracker.track(frame) for frame in sequence.frames[1:])]
@@ -81,17 +81,20 @@ def main() -> None:
     face = portrait()
     states = demo_states(face, FRAMES)
     bounds = np.sqrt((bounds_deg(face, states)[:, 1:] ** 2).mean(axis=1))
-    errors = np.array([errors_deg(face, states, seed) for seed in range(REALISATIONS)])
+    errors = np.array([errors_deg(face, states, NOISE_SD, seed) for seed in range(REALISATIONS)])
     lost = ~np.isfinite(errors).all(axis=2)
     jitter = np.mean([jitter_deg(e, gone) for e, gone in zip(errors, lost, strict=True)], axis=0) / np.sqrt(6)
     seen = errors[:, 1:]
-    rms = np.array([root_mean_square(seen[..., k]) for k in range(3)])
+    rms, rms_without = (
+        np.array([root_mean_square(e[..., k]) for k in range(3)]) for e in (seen, errors_deg(face, states, 0.0)[1:])
+    )
     spread = np.sqrt(np.nanmean(np.nanvar(seen, axis=0, ddof=1), axis=0))
     rows = {
         "bound, pose unknown": bounds[0],
         "bound, pose and animation unknown": bounds[1],
         "the same from the grey picture alone": bounds[3],
         "error (RMS)": rms,
+        "error (RMS) on the pictures without noise": rms_without,
         "spread of the error between realisations of the noise": spread,
         "jitter (second difference over the square root of 6)": jitter,
     }
