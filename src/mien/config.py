@@ -76,7 +76,7 @@ class RealtimeSettings(Settings):
     prior_depth: float = Field(0.3, gt=0)
     prior_animation: float = Field(0.3, gt=0)
     rest_animation: float = Field(0.6, gt=0, description="standard deviation of the animation from the first frame's")
-    hidden_cosine: float = Field(0.25, description="cosine between normal and ray below which a landmark is hidden")
+    hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     learn_shape: bool = True
     relief_sd: float = Field(0.15, ge=0, description="relative standard deviation of the depth of the whole face")
     depth_sd: float = Field(0.05, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
