@@ -50,11 +50,9 @@ class Crop:
         A = np.empty((2, 3))
         A[:, :2] = self.linear * shrink
         A[:, 2] = 0.5 * (self.size - 1) - self.linear @ (np.array(self.centre) - offset - 0.5 * (shrink - 1))
-        crop = cv2.warpAffine(
-            source, A, (self.size, self.size), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        gray = (cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY) if crop.ndim == 3 else crop).astype(np.float32)
-        return blurred(gray, blur)
+        gray = cv2.cvtColor(source, cv2.COLOR_RGB2GRAY) if source.ndim == 3 else source
+        crop = cv2.warpAffine(gray, A, (self.size, self.size), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return blurred(crop.astype(np.float32), blur)
 
     def _region(self, pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Array, int]:
         """The pixels that the crop needs, where they begin, and by how much they were shrunk against aliasing."""
