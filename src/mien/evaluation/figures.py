@@ -22,7 +22,12 @@ from mien.files import whole_file
 from mien.geometry.rotation import Array
 from mien.output.plots import NORMAL_90
 
-COLOURS = ("#2c62a8", "#c1443c", "#2f7d4f", "#c98a1b", "#7a4fa3", "#3a9ca8", "#8a5a3c", "#555555")
+_FEW = 5
+"""Trackers up to which a figure has room for more than one line each."""
+COLOURS = (
+    "#2b62ad", "#c44536", "#2e7d4f", "#c9861a", "#7b4fa3", "#3a9bb0",
+    "#8a5a44", "#555555", "#d36fa8", "#8c9a2b", "#1b1b1b", "#7fb2e5",
+)  # fmt: skip
 TRUTH_COLOUR = "#222222"
 PANELS = 24
 """Sequences on one page of a figure that has a panel for each."""
@@ -111,9 +116,10 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
 
 
 def error_against_head_angle(scores: Scores) -> Figure:
-    """Median and 90th percentile of the rotation error in bins of the head's true rotation."""
+    """Median rotation error in bins of the head's true rotation, and for few trackers its 90th percentile."""
     figure = _figure(7, 4)
     axis = figure.subplots()
+    few = len(scores.trackers) <= _FEW
     for tracker, colour in zip(scores.trackers, _colours(), strict=False):
         chosen = scores.posed(tracker)
         if chosen:
@@ -121,12 +127,16 @@ def error_against_head_angle(scores: Scores) -> Figure:
             error = pooled(chosen, lambda s: s.compared.rotation_error_deg[s.compared.known])
             centres, median, high = _binned(turned, error)
             axis.plot(centres, median, color=colour, marker="o", markersize=4, label=tracker)
-            axis.plot(centres, high, color=colour, linewidth=0.9, linestyle=":")
+            if few:
+                axis.plot(centres, high, color=colour, linewidth=0.9, linestyle=":")
     axis.set_xlabel("rotation of the head since the first frame (degrees)")
-    axis.set_ylabel("rotation error (degrees)\nmedian; dotted: 90th percentile")
-    axis.set_ylim(bottom=0)
+    axis.set_ylabel("rotation error (degrees)\n" + ("median; dotted: 90th percentile" if few else "median"))
+    if few:
+        axis.set_ylim(bottom=0)
+    else:
+        axis.set_yscale("log")
     _tidy(axis)
-    axis.legend(frameon=False)
+    axis.legend(frameon=False, fontsize=None if few else 7, ncols=1 if few else 2)
     return figure
 
 
