@@ -41,7 +41,7 @@ def test_a_flat_patch_is_not_represented() -> None:
 
 def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
-    estimates = run(Tran2013Tracker(evaluations=120), sequence)
+    estimates = run(Tran2013Tracker(evaluations=300), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
     assert turn_error_deg(estimates, sequence)[-1] < 4
     assert estimates[-1].animation is None
