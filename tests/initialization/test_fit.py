@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.candide.model import Candide
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, angle_between, matrix_from_euler
 from mien.initialization.fit import FirstFrame, _Problem, fit_first_frame, tracked_model
 from mien.initialization.landmarks import Landmarks
 
 CAMERA = Camera(280, 159.5, 119.5)
-MODEL, PRIOR = tracked_model()
+MODEL, PRIOR = tracked_model(Candide.default())
 REST = np.zeros(6)
 COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.candide.model import Candide, mm_per_unit
+from mien.errors import require
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp, hat, left_jacobian
 from mien.initialization.landmarks import Landmarks
@@ -61,17 +62,29 @@ class FirstFrame:
         return np.asarray(self.shape + np.tensordot(a, self.model.animation_units, axes=1))
 
 
+def tracked_model(model: Candide) -> tuple[Candide, ShapePrior]:
+    """A model with the six units of the state, upright, and the prior of its shape."""
+    upright = model.with_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
+    return upright, shape_prior(upright)
+
+
 @cache
-def tracked_model() -> tuple[Candide, ShapePrior]:
-    """CANDIDE with the six units of the state, upright, and the prior of its shape."""
-    model = Candide.default().with_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
-    return model, shape_prior(model)
+def _default_model() -> tuple[Candide, ShapePrior]:
+    return tracked_model(Candide.default())
 
 
-def fit_first_frame(landmarks: Landmarks, camera: Camera) -> FirstFrame:
-    """Fit CANDIDE, with the six units that are tracked, to the landmarks of the first frame."""
-    model, prior = tracked_model()
+def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None = None) -> FirstFrame:
+    """Fit a model, with the six units that are tracked, to the landmarks of the first frame.
+
+    model: with the vertices of CANDIDE-3 in its order and its animation units by name, for example
+    `read_wfm(path).model`; the package's own unless given. Raises MienError for a model that lacks any.
+    """
+    model, prior = _default_model() if model is None else tracked_model(model)
     vertices, points, depths = landmarks.correspondences()
+    require(
+        len(model.mean) >= len(Candide.default().mean),
+        f"the face model has {len(model.mean)} vertices; tracking needs the {len(Candide.default().mean)} of CANDIDE-3",
+    )
     R, t = posit(model.mean[vertices], points, camera)
     problem = _Problem(camera, prior, model.animation_units, vertices, points, depths, R, float(t[2]))
     x0 = np.zeros(problem.size)

@@ -9,7 +9,7 @@ import numpy as np
 
 from mien.appearance.descriptors import Float32
 from mien.appearance.views import CENTRE
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, log
@@ -86,8 +86,10 @@ class View:
 class RealtimeTracker:
     """Bayesian tracker with a pose-dependent appearance and a shape that is learned while tracking."""
 
-    def __init__(self, settings: RealtimeSettings | None = None) -> None:
+    def __init__(self, settings: RealtimeSettings | None = None, model: Candide | None = None) -> None:
+        """model: the face model, the package's own unless given; see `fit_first_frame`."""
         self.settings = settings or RealtimeSettings()
+        self.model = model
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its landmarks."""
@@ -95,7 +97,7 @@ class RealtimeTracker:
         landmarks.check(frame.width, frame.height)
         self.camera = camera
         self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy])
-        self.fit = fit_first_frame(landmarks, camera)
+        self.fit = fit_first_frame(landmarks, camera, self.model)
         self.face = learn_face(frame, landmarks, self.fit, camera, VERTICES, s)
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)

@@ -10,6 +10,7 @@ from mien.appearance.crop import Crop, Float32
 from mien.appearance.descriptors import describe, describe_with_opencv, orientation_maps
 from mien.appearance.gaussian import Gaussians
 from mien.appearance.views import crop_of_face, rendered_views, view_rotations
+from mien.candide.model import Candide
 from mien.config import DescriptorSettings, PaperSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -49,15 +50,17 @@ class Reader:
 class PaperTracker:
     """Bayesian tracker with adaptive Gaussians of SIFT descriptors (Tran et al., section 3)."""
 
-    def __init__(self, settings: PaperSettings | None = None) -> None:
+    def __init__(self, settings: PaperSettings | None = None, model: Candide | None = None) -> None:
+        """model: the face model, the package's own unless given; see `fit_first_frame`."""
         self.settings = settings or PaperSettings()
+        self.model = model
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Section 3.1: fit the first frame, render the views, learn a Gaussian per landmark."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
         self.camera = camera
-        self.fit = fit_first_frame(landmarks, camera)
+        self.fit = fit_first_frame(landmarks, camera, self.model)
         self.landmarks = LandmarkModel(self.fit.shape[VERTICES], self.fit.model.animation_units[:, VERTICES])
         self.scale_distance = float(self.fit.t[2])
         samples = learn_views(frame, self.fit, camera, s)
