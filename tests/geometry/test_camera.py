@@ -53,3 +53,9 @@ def test_bad_cameras_are_refused(values: tuple[float, float, float]) -> None:
 def test_bad_fields_of_view_are_refused(fov: float) -> None:
     with pytest.raises(MienError, match="field of view"):
         Camera.from_fov(320, 240, fov)
+
+
+def test_what_lies_in_the_image() -> None:
+    camera = Camera(100.0, 50.0, 40.0)
+    X = np.array([[0.0, 0, 1], [-0.5, -0.4, 1], [0.5, 0, 1], [0, -0.41, 1], [0, 0, -1]])
+    np.testing.assert_array_equal(camera.in_image(X, 100, 80), [True, True, False, False, False])

@@ -64,9 +64,8 @@ class RigidHead:
     def in_sight(self, frame: Frame, pose: Pose) -> bool:
         """Whether enough of the surface faces the camera and projects into the image."""
         X, cosine = self.surface.seen(pose)
-        p, in_front = self.camera.project(X)
-        inside = (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1)
-        return bool((inside & in_front & (cosine > GRAZING)).mean() >= LEAST_IN_SIGHT)
+        inside = self.camera.in_image(X, frame.width, frame.height)
+        return bool((inside & (cosine > GRAZING)).mean() >= LEAST_IN_SIGHT)
 
     def estimate(self, frame: Frame, status: Status, pose: Pose) -> Estimate:
         """What the tracker says: pose and rigid landmarks. It estimates neither animation nor uncertainty."""

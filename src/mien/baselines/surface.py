@@ -27,8 +27,8 @@ ROWS, COLUMNS = 48, 48
 """Points of the surface: one for about every four pixels of a face 60 pixels wide."""
 FRONT_DEG = 80.0
 """How far the surface reaches around the head to each side."""
-CHIN, HAIRLINE, OUTLINE = 10, 2, (29, 28, 62, 61)
-"""Vertices of CANDIDE: lower and upper end of the face, and its sides at the ears."""
+CHIN, HAIRLINE = 10, 2
+"""Vertices of CANDIDE: lower and upper end of the face."""
 FRONT = (2, 3, 16, 17, 49, 50, 15, 48, 27, 60, 20, 53, 90, 91, 9, 14, 47, 29, 62, 28, 61, 30, 63)
 """Vertices without the nose, through which the surface is laid."""
 

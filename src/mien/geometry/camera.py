@@ -53,6 +53,11 @@ class Camera:
         v = self.focal_px * X[..., 1] / safe + self.cy
         return np.stack([u, v], axis=-1), valid
 
+    def in_image(self, X: Array, width: int, height: int) -> NDArrayBool:
+        """Which camera points (..., 3) are seen in an image of this size in pixels: (...) bool."""
+        p, valid = self.project(X)
+        return np.asarray(valid & (p >= 0).all(axis=-1) & (p <= [width - 1, height - 1]).all(axis=-1))
+
     def J_pixel_point(self, X: Array) -> Array:
         """Jacobian of `project`: pixels by camera point. (..., 3) -> (..., 2, 3)."""
         x, y, z = X[..., 0], X[..., 1], X[..., 2]

@@ -156,7 +156,7 @@ class RealtimeTracker:
         """Stay where the face was seen last, and say why it is lost."""
         self.lost_frames += 1
         self.velocity = np.zeros(12)
-        outside = self._inside(self._posed(solution.pose), frame).mean() < 0.5
+        outside = self.camera.in_image(self._posed(solution.pose), frame.width, frame.height).mean() < 0.5
         reason = "the face left the image" if outside else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
@@ -216,9 +216,10 @@ class RealtimeTracker:
         crop = level.crop(pose.R, pose.t, self.camera)
         X = self._posed(pose)
         facing = facing_cosine(X, self.face.normals @ pose.R.T) > self.settings.hidden_cosine
+        inside = self.camera.in_image(X, frame.width, frame.height)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
-        return View(level, level.maps(frame, crop), geometry, facing & self._inside(X, frame))
+        return View(level, level.maps(frame, crop), geometry, facing & inside)
 
     def _solve(self, view: View, start: Pose, predicted: Pose) -> Solution:
         """Levenberg-Marquardt in one view."""
@@ -269,11 +270,6 @@ class RealtimeTracker:
     def _posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
         return np.asarray((self.neutral + np.tensordot(pose.animation, self.units, axes=1)) @ pose.R.T + pose.t)
-
-    def _inside(self, X: Array, frame: Frame) -> Mask:
-        """Which points (n, 3) in camera axes lie in the image."""
-        p, valid = self.camera.project(X)
-        return np.asarray(valid & (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1))
 
     def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error."""

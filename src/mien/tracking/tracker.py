@@ -115,9 +115,7 @@ class PaperTracker:
 
 def in_view(X: Array, camera: Camera, frame: Frame) -> bool:
     """Whether more than a quarter of the points X (n, 3) in camera axes are seen in the frame."""
-    p, valid = camera.project(X)
-    inside = (p >= 0).all(axis=1) & (p <= [frame.width - 1, frame.height - 1]).all(axis=1)
-    return bool((inside & valid).mean() > 0.25)
+    return bool(camera.in_image(X, frame.width, frame.height).mean() > 0.25)
 
 
 def crop_size(settings: DescriptorSettings) -> int:
