@@ -49,10 +49,10 @@ def test_nothing_is_found_in_noise(keyframes: Keyframes) -> None:
     assert keyframes.find(Frame(pixels), 3.0) is None
 
 
-def test_without_keyframes_nothing_is_found() -> None:
+def test_without_keypoints_nothing_is_found() -> None:
     empty = Keyframes(face().fit, face().camera)
     empty.add(Frame(np.zeros((240, 320, 3), np.uint8)), face().fit.R, face().fit.t, face().fit.animation)
-    assert not empty.keyframes  # no keypoints, nothing to keep
+    assert len(empty.keyframes[0].features[0]) == 0
     assert empty.find(sequence().frames[0], 3.0) is None
 
 

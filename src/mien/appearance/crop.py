@@ -58,8 +58,8 @@ class Crop:
         """The pixels that the crop needs, where they begin, and by how much they were shrunk against aliasing."""
         height, width = pixels.shape[:2]
         reach = int(0.71 * self.size / self.scale) + 3
-        x0, y0 = (int(np.clip(c - reach, 0, n - 1)) for c, n in zip(self.centre, (width, height), strict=True))
-        x1, y1 = (int(np.clip(c + reach, 1, n)) for c, n in zip(self.centre, (width, height), strict=True))
+        x0, y0 = (int(min(max(c - reach, 0), n - 1)) for c, n in zip(self.centre, (width, height), strict=True))
+        x1, y1 = (int(min(max(c + reach, 1), n)) for c, n in zip(self.centre, (width, height), strict=True))
         region = pixels[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
         shrink = max(int(1 / self.scale), 1)
         if shrink > 1 and min(region.shape[:2]) >= shrink:

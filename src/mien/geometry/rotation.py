@@ -81,6 +81,13 @@ def euler_jacobian(R: Array) -> Array:
     return np.linalg.inv(axes) if abs(cy) > 1e-6 else np.asarray(np.linalg.pinv(axes))
 
 
+def ray_rotation(X: Array) -> Array:
+    """Shortest rotation (3, 3) that turns the optical axis into the ray to a point X (3,) in camera axes."""
+    x, y, z = X / np.linalg.norm(X)
+    k = 1 / (1 + z)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
+
+
 def angle_between(Ra: Array, Rb: Array) -> Array:
     """Angle in radians of the rotation from `Ra` to `Rb`. (..., 3, 3), (..., 3, 3) -> (...)."""
     relative = np.swapaxes(Ra, -1, -2) @ Rb

@@ -1,7 +1,8 @@
 """The first frame: pose, shape and animation from landmarks, section 3.1 of the paper.
 
 POSIT gives the pose of the mean face; then pose, shape and animation are fitted together, as the
-maximum of a posterior with Gaussian landmarks, robust to outliers, and the shape's own prior.
+maximum of a posterior with Gaussian landmarks, robust to outliers, and the shape's own prior. Which way a person
+faces is then known to a few degrees, as heads differ; that people look into the camera when they begin is a prior.
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ from numpy.typing import NDArray
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import require
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, exp, hat, left_jacobian
+from mien.geometry.rotation import (
+    FACING,
+    Array,
+    euler_from_matrix,
+    exp,
+    hat,
+    left_jacobian,
+    matrix_from_euler,
+    ray_rotation,
+)
 from mien.initialization.landmarks import Landmarks
 from mien.initialization.posit import posit
 from mien.initialization.shape_prior import ShapePrior, shape_prior
@@ -29,6 +39,10 @@ ANIMATION_SD = 0.2
 LEAN_DEG = 2.0
 """CANDIDE's z axis points this much further up than that of 3D head models: measured on three subjects, whose
 heads differ among themselves by as much (docs/method.md)."""
+AXES_SD_DEG = (2.3, 1.2, 0.8)
+"""Standard deviation of a person's own axes (tilt, pan, roll) from those of the fitted model, on the same subjects."""
+FRONTAL_SHARE, FRONTAL_SD_DEG, ELSEWHERE_SD_DEG = 0.5, 3.0, 20.0
+"""Half of the people look into the camera when they begin, to so many degrees; the others look anywhere."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +50,8 @@ class FirstFrame:
     """Model and state of the first frame.
 
     R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
-    coefficients: (M,) of the shape prior, and their posterior covariance (M, M) with pose and animation
-    marginalised; residual_px: root mean square distance of the landmarks from the fitted vertices.
+    coefficients: (M,) of the shape prior; residual_px: root mean square distance of the landmarks from the fitted
+    vertices; model: in the axes that the head was given.
     """
 
     R: Array
@@ -45,7 +59,6 @@ class FirstFrame:
     animation: Array
     shape: Array
     coefficients: Array
-    coefficient_covariance: Array
     residual_px: float
     mm_per_unit: float
     model: Candide
@@ -90,23 +103,37 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     x0 = np.zeros(problem.size)
     x0[3:6] = t
     x = _minimize(problem, x0)
-    R_fit = exp(x[:3]) @ R
-    shape = prior.vertices(x[problem.shape_slice])
-    distance = np.linalg.norm(problem.image(x) - points, axis=1)
-    J = problem.jacobian(x)
-    covariance = np.linalg.inv(J.T @ J)[problem.shape_slice, problem.shape_slice]
+    R_fit, t = exp(x[:3]) @ R, x[3:6]
+    R = most_likely_facing(R_fit, t)
+    turn = R.T @ R_fit
+    shape = prior.vertices(x[problem.shape_slice]) @ turn.T
     return FirstFrame(
-        R=R_fit,
-        t=x[3:6],
+        R=R,
+        t=t,
         animation=x[problem.animation_slice],
         shape=shape,
         coefficients=x[problem.shape_slice],
-        coefficient_covariance=covariance,
-        residual_px=float(np.sqrt(np.mean(distance**2))),
+        residual_px=float(np.sqrt(np.mean(((problem.image(x) - points) ** 2).sum(axis=1)))),
         mm_per_unit=mm_per_unit(shape),
-        model=model,
+        model=model.turned(turn),
         prior=prior,
     )
+
+
+def most_likely_facing(R: Array, t: Array) -> Array:
+    """Expected rotation (3, 3) of a head whose fitted model stands in R (3, 3) at t (3,), camera axes.
+
+    The prior is a mixture: a person looks into the camera, nearly, or anywhere. Far from the camera nothing changes.
+    """
+    ray = ray_rotation(t)
+    angles = np.degrees(euler_from_matrix(ray.T @ R @ FACING))
+    axes = np.square(AXES_SD_DEG)
+    frontal, elsewhere = (axes + sd**2 for sd in (FRONTAL_SD_DEG, ELSEWHERE_SD_DEG))
+    odds = (1 - FRONTAL_SHARE) / FRONTAL_SHARE * np.sqrt(np.prod(frontal / elsewhere))
+    exponent = 0.5 * float((angles**2 * (1 / frontal - 1 / elsewhere)).sum())
+    looks = 1 / (1 + odds * np.exp(min(exponent, 500.0)))
+    expected = angles * (1 - looks * axes / frontal)
+    return np.asarray(ray @ matrix_from_euler(np.radians(expected)) @ FACING)
 
 
 def _minimize(problem: _Problem, x: Array, iterations: int = 30) -> Array:

@@ -12,7 +12,7 @@ from mien.appearance.views import CENTRE
 from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, log
+from mien.geometry.rotation import FACING, Array, exp, log, ray_rotation
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
@@ -66,7 +66,8 @@ class Solution:
 
     def misfit(self, expected: Array) -> float:
         """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
-        return float(np.median((self.d2 / expected)[self.facing])) if self.facing.any() else np.inf
+        ratio = np.sort((self.d2 / expected)[self.facing])
+        return float(ratio[len(ratio) // 2]) if len(ratio) else np.inf
 
     def share(self, most: float) -> float:
         """Share of the landmarks that can be seen whose squared distance is at most `most`."""
@@ -109,9 +110,9 @@ class RealtimeTracker:
         # What the jaw carries changes its look with it: trust it further.
         self.tolerance = np.full(n, s.robust_factor)
         self.tolerance[_JAW] *= s.jaw_tolerance
-        self.information = np.diag(
-            1 / state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation) ** 2
-        )
+        sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
+        sd[6 + _JAW_DROP] = s.prior_jaw
+        self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
         angle = np.radians(s.appearance_angle_sd_deg)
         self.precision = 1 / np.array([s.location_sd, s.location_sd, angle, angle]) ** 2
@@ -283,10 +284,3 @@ class RealtimeTracker:
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             sure, self.fit.mm_per_unit,
         )  # fmt: skip
-
-
-def ray_rotation(X: Array) -> Array:
-    """Shortest rotation (3, 3) that turns the optical axis into the ray to a point X (3,) in camera axes."""
-    x, y, z = X / np.linalg.norm(X)
-    k = 1 / (1 + z)
-    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])

@@ -6,6 +6,7 @@ Both only propose poses; the tracker's own energy decides whether the face that 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from mien.appearance.rendering import depth_buffer
 from mien.appearance.views import crop_camera, crop_of_face
 from mien.errors import MienError
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, angle_between, exp
+from mien.geometry.rotation import Array, exp
 from mien.initialization.detector import detect_once
 from mien.initialization.fit import FirstFrame
 from mien.video import Frame
@@ -31,11 +32,32 @@ _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A view that was tracked well: rotation (3, 3), SIFT descriptors (m, 128), their points (m, 3) in head axes."""
+    """A view that was tracked well: its pose R (3, 3), t (3,), animation (6,), and the grey crop of its face.
+
+    Most videos never lose the face: keypoints are only looked for when a search asks for them.
+    """
 
     R: Array
-    descriptors: NDArray[np.float32]
-    points: Array
+    t: Array
+    animation: Array
+    gray: NDArray[np.uint8]
+    view: Camera
+    fit: FirstFrame
+
+    @cached_property
+    def features(self) -> tuple[NDArray[np.float32], Array]:
+        """SIFT descriptors (m, 128) and their points (m, 3) in head axes; m may be 0."""
+        X = self.fit.vertices(self.animation) @ self.R.T + self.t
+        depth = depth_buffer(X, self.fit.model.triangles, self.view, *self.gray.shape)
+        mask = np.isfinite(depth).astype(np.uint8)
+        keypoints, descriptors = cv2.SIFT.create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(self.gray, mask)
+        if descriptors is None:
+            return np.zeros((0, 128), np.float32), np.zeros((0, 3))
+        q = np.array([k.pt for k in keypoints])
+        z = depth[np.rint(q[:, 1]).astype(int), np.rint(q[:, 0]).astype(int)]
+        seen = np.isfinite(z)
+        points = np.column_stack([(q - [self.view.cx, self.view.cy]) / self.view.focal_px * z[:, None], z])[seen]
+        return descriptors[seen], (points - self.t) @ self.R
 
 
 class Keyframes:
@@ -49,33 +71,23 @@ class Keyframes:
         """Whether a view at this rotation would add something."""
         if len(self.keyframes) >= _MOST_KEYFRAMES:
             return False
-        return not self.keyframes or bool(
-            angle_between(R, np.stack([k.R for k in self.keyframes])).min() > _KEYFRAME_SPACING
-        )
+        nearest = 1 + 2 * np.cos(_KEYFRAME_SPACING)  # the trace of a rotation by that angle
+        return all(float((k.R * R).sum()) < nearest for k in self.keyframes)
 
     def add(self, frame: Frame, R: Array, t: Array, animation: Array) -> None:
-        """Keep a view; without keypoints on the face there is nothing to keep."""
+        """Keep a view."""
         size = round(_CROP_UNITS * KEYFRAME_PIXELS_PER_UNIT)
         crop = crop_of_face(R, t, self.camera, KEYFRAME_PIXELS_PER_UNIT, size)
-        view = crop_camera(self.camera, crop)
-        depth = depth_buffer(self.fit.vertices(animation) @ R.T + t, self.fit.model.triangles, view, size, size)
-        mask = np.isfinite(depth).astype(np.uint8)
         gray = np.clip(crop.sample(frame.pixels), 0, 255).astype(np.uint8)
-        keypoints, descriptors = cv2.SIFT.create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(gray, mask)
-        if descriptors is None or len(keypoints) < _INLIERS:
-            return
-        q = np.array([k.pt for k in keypoints])
-        z = depth[np.rint(q[:, 1]).astype(int), np.rint(q[:, 0]).astype(int)]
-        seen = np.isfinite(z)
-        X = np.column_stack([(q - [view.cx, view.cy]) / view.focal_px * z[:, None], z])[seen]
-        self.keyframes.append(Keyframe(R, descriptors[seen], (X - t) @ R))
+        self.keyframes.append(Keyframe(R, t, animation, gray, crop_camera(self.camera, crop), self.fit))
 
     def find(self, frame: Frame, distance: float) -> tuple[Array, Array] | None:
         """Pose R, t of the face by its keyframes, None where they do not agree on one.
 
         distance: where the face was last, which says how large it may be in the image.
         """
-        if not self.keyframes:
+        keyframes = [k for k in self.keyframes if len(k.features[0]) >= _INLIERS]
+        if not keyframes:
             return None
         scale = KEYFRAME_PIXELS_PER_UNIT * distance / self.camera.focal_px
         scale = min(scale, 2.5, _LARGEST_SEARCH / max(frame.width, frame.height))
@@ -85,7 +97,7 @@ class Keyframes:
         if descriptors is None or len(keypoints) < _INLIERS:
             return None
         p = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5
-        found = [self._place(k, p, descriptors, scale) for k in self.keyframes]
+        found = [self._place(k, p, descriptors, scale) for k in keyframes]
         best = max(found, key=lambda f: f[0])
         return None if best[0] < _INLIERS else (best[1], best[2])
 
@@ -93,12 +105,13 @@ class Keyframes:
         self, keyframe: Keyframe, p: Array, descriptors: NDArray[np.float32], scale: float
     ) -> tuple[int, Array, Array]:
         """Number of inliers, and pose, of the matches with one keyframe."""
-        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(keyframe.descriptors, descriptors, k=2)
+        known, points = keyframe.features
+        pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known, descriptors, k=2)
         good = [m for m, *rest in pairs if rest and m.distance < _RATIO * rest[0].distance]
         nothing = (0, np.eye(3), np.zeros(3))
         if len(good) < _INLIERS:
             return nothing
-        X = keyframe.points[[m.queryIdx for m in good]]
+        X = points[[m.queryIdx for m in good]]
         return _pnp(X, p[[m.trainIdx for m in good]], self.camera, _REPROJECTION_PX / scale) or nothing
 
 

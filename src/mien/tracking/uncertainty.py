@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from mien.geometry.rotation import Array, angle_between
+from mien.geometry.rotation import Array
 
 NOISE_SCALE = 0.59
 """Factor of the standard deviations from the Gauss-Newton matrix."""
@@ -37,7 +37,8 @@ def state_covariance(H: Array, R: Array, R_first: Array) -> Array:
 def systematic_variance(R: Array, R_first: Array) -> float:
     """Variance (radians squared) about each axis that comes from the model and not from the frame."""
     sine_squared = max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
-    return TURN_SD**2 * sine_squared + (ROTATION_SD * float(angle_between(R_first, R))) ** 2
+    angle = _angle(0.5 * (float((R * R_first).sum()) - 1))
+    return TURN_SD**2 * sine_squared + (ROTATION_SD * angle) ** 2
 
 
 def confidence(covariance: Array, d2: Array, R: Array, R_first: Array) -> float:
@@ -51,10 +52,14 @@ def confidence(covariance: Array, d2: Array, R: Array, R_first: Array) -> float:
     bias, by_spread, by_share = _CONFIDENCE
     spread = math.log(float(np.trace(covariance[:3, :3])))
     right = _logistic(bias + by_spread * spread + by_share * float((d2 < _GOOD_DISTANCE).mean()))
-    turn = math.acos(min(max(float(R[:, 2] @ R_first[:, 2]), -1.0), 1.0))
+    turn = _angle(float(R[:, 2] @ R_first[:, 2]))
     stranger, by_turn, width = _STRANGER
-    best_quarter = float(np.percentile(d2, 25))
+    best_quarter = float(np.sort(d2)[len(d2) // 4])
     return right * _logistic((stranger + by_turn * turn - best_quarter) / width)
+
+
+def _angle(cosine: float) -> float:
+    return math.acos(min(max(cosine, -1.0), 1.0))
 
 
 def _logistic(x: float) -> float:
