@@ -85,6 +85,12 @@ def test_information_adds_up_to_least_squares() -> None:
 
 def test_poses_that_come_again_say_less_and_less() -> None:
     posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
-    first, second, third = (posterior.novelty(0.01, 0.02) for _ in range(3))
+    first, second, third = (posterior.novelty(0.01, 0.02, 1.0) for _ in range(3))
     assert (second, third) == pytest.approx((first / 2, first / 3))
-    assert posterior.novelty(0.01, 0.3) == first
+    assert posterior.novelty(0.01, 0.3, 1.0) == first
+
+
+def test_a_frame_that_teaches_little_leaves_the_rest_to_others() -> None:
+    posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.shape_rate)
+    assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.shape_rate / 1.1)

@@ -24,7 +24,7 @@ UNIT_COUNTERPARTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "lip_stretcher": {"mouthStretch": 1.0, "mouthSmile": 1.0, "mouthFunnel": -1.0, "mouthPucker": -1.0},
         "brow_lowerer": {"browDown": 1.0, "browInnerUp": -1.0},
         "lip_corner_depressor": {"mouthFrown": 1.0, "mouthSmile": -1.0},
-        "outer_brow_raiser": {"browOuterUp": 1.0, "browDown": -1.0},
+        "outer_brow_raiser": {"browOuterUp": 1.0},
     }
 )
 """Each animation unit as a sum of ARKit shapes, left and right averaged."""

@@ -273,6 +273,7 @@ def evaluate(
         H[6 + k, 6 + k] += rest_information[k]
         G[6 + k] += rest_information[k] * from_rest
         energy += rest_information[k] * from_rest * from_rest
+    MB = np.empty((4, STATE))
     for i in range(q.shape[0]):
         w[i] = 0.0
         if active[i] <= 0.0:
@@ -285,16 +286,22 @@ def evaluate(
         B[i] = 0.0
         B[i, :2] = J[i]
         B[i, 2:, :3] = J_angles
-        MB = transposed_product(M[i], B[i])  # M is symmetric
+        for k in range(4):
+            for c in range(STATE):
+                MB[k, c] = M[i, k, 0] * B[i, 0, c] + M[i, k, 1] * B[i, 1, c]
+            for c in range(3):
+                MB[k, c] += M[i, k, 2] * B[i, 2, c] + M[i, k, 3] * B[i, 3, c]
         for r in range(STATE):
             s = 0.0
-            for k in range(4):
+            for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
                 s += B[i, k, r] * g[i, k]
                 x = w[i] * B[i, k, r]
-                if x != 0.0:
-                    for c in range(STATE):
-                        H[r, c] += x * MB[k, c]
+                for c in range(r, STATE):
+                    H[r, c] += x * MB[k, c]
             G[r] += w[i] * s
+    for r in range(STATE):
+        for c in range(r):
+            H[r, c] = H[c, r]
     return energy
 
 
@@ -305,7 +312,7 @@ def solve(
 ) -> Any:  # fmt: skip
     """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen.
 
-    Returns R, t, a, energy, H (12, 12), y (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,),
+    Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy, H (12, 12), y (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,),
     and how often the energy was evaluated, all at the lowest point.
     """
     n = person[0].shape[0]
@@ -324,7 +331,6 @@ def solve(
         energy = evaluate(R, t, a, maps, cell, person, appearance, active, scale, prior, view, y, M, g, d2, B, w, H, G)
         evaluations += 1
         if energy < best:
-            gained = best - energy
             best, best_R, best_t, best_a = energy, R, t, a
             y, best_y = best_y, y
             M, best_M = best_M, M
@@ -335,8 +341,6 @@ def solve(
             H, best_H = best_H, H
             G, best_G = best_G, G
             damping *= 0.2
-            if gained < tolerance:
-                break
         else:
             damping *= 10.0
             if damping > 1e6:
@@ -346,4 +350,10 @@ def solve(
             A[k, k] *= 1.0 + damping
         step = solve_positive(A, best_G)
         R, t, a = rotate(-step[:3], best_R), best_t - step[3:6], best_a - step[6:]
+        gain = 0.0  # that the quadratic model promises
+        for k in range(STATE):
+            gain += best_G[k] * step[k]
+        if gain < tolerance:
+            best_R, best_t, best_a = R, t, a
+            break
     return best_R, best_t, best_a, best, best_H, best_y, best_M, best_g, best_d2, best_B, best_w, evaluations

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mien.appearance.crop import Crop
 from mien.appearance.descriptors import Float32
 from mien.appearance.views import CENTRE
 from mien.candide.model import TRACKED_UNITS, Candide
@@ -27,6 +29,7 @@ from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
 _JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
+_NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
 _JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 VERTICES = list(LANDMARK_VERTICES.values())
@@ -79,6 +82,7 @@ class View:
     """A frame prepared for `kernels.solve`: orientation maps of the crop, its geometry, landmarks that can be seen."""
 
     level: Level
+    crop: Crop
     maps: Float32
     geometry: tuple[Array, ...]
     facing: Mask
@@ -107,9 +111,10 @@ class RealtimeTracker:
         n = len(VERTICES)
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)
-        # What the jaw carries changes its look with it: trust it further.
+        # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
         self.tolerance = np.full(n, s.robust_factor)
         self.tolerance[_JAW] *= s.jaw_tolerance
+        self.tolerance[_NOSE] *= s.nose_tolerance
         sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
         sd[6 + _JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
@@ -128,7 +133,7 @@ class RealtimeTracker:
         """Move the first pose from where the landmarks put it to where the learned appearance finds it: every later
         rotation is measured from it."""
         for _ in range(3):
-            solution = self._solve(self._look(self.face.fine, frame, self.pose), self.pose, self.pose)
+            _, solution = self._fine(frame, self.pose, self.pose)
             self.pose = solution.pose
         return solution
 
@@ -169,7 +174,7 @@ class RealtimeTracker:
                 continue
             start = Pose(*placed, self.fit.animation)
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, start)
-            solution = self._solve(self._look(self.face.fine, frame, coarse.pose), coarse.pose, coarse.pose)
+            _, solution = self._fine(frame, coarse.pose, coarse.pose)
             if solution.share(s.seen_distance) >= s.recovered_share:
                 return solution
         return None
@@ -188,13 +193,11 @@ class RealtimeTracker:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""
         s = self.settings
         predicted = self.pose.moved(s.velocity * self.velocity)
-        view = self._look(self.face.fine, frame, predicted)
-        best = self._solve(view, predicted, predicted)
+        view, best = self._fine(frame, predicted, predicted)
         if best.misfit(self.expected) > s.retry_distance:
             for start in (predicted, self.pose):
                 coarse = self._solve(self._look(self.face.coarse, frame, start), start, predicted)
-                again = self._look(self.face.fine, frame, coarse.pose)
-                fine = self._solve(again, coarse.pose, predicted)
+                again, fine = self._fine(frame, coarse.pose, predicted)
                 if fine.energy < best.energy:
                     best, view = fine, again
         return self._open_mouth(view, best, predicted)
@@ -212,6 +215,19 @@ class RealtimeTracker:
                 best = min(best, candidate, key=lambda solution: solution.energy)
         return best
 
+    def _fine(self, frame: Frame, start: Pose, predicted: Pose) -> tuple[View, Solution]:
+        """The best solution near a pose at full resolution. A crop whose roll or size was not the face's changes the
+        descriptors and so the pose: where it was off, look again from where the face turned out to be."""
+        s = self.settings
+        view = self._look(self.face.fine, frame, start)
+        solution = self._solve(view, start, predicted)
+        crop = view.level.crop(solution.pose.R, solution.pose.t, self.camera)
+        rolled = np.degrees(abs(math.remainder(crop.angle - view.crop.angle, math.tau)))
+        if rolled > s.crop_roll_deg or abs(crop.scale / view.crop.scale - 1) > s.crop_scale:
+            view = self._look(self.face.fine, frame, solution.pose)
+            solution = self._solve(view, solution.pose, predicted)
+        return view, solution
+
     def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
         crop = level.crop(pose.R, pose.t, self.camera)
@@ -220,7 +236,7 @@ class RealtimeTracker:
         inside = self.camera.in_image(X, frame.width, frame.height)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
-        return View(level, level.maps(frame, crop), geometry, facing & inside)
+        return View(level, crop, level.maps(frame, crop), geometry, facing & inside)
 
     def _solve(self, view: View, start: Pose, predicted: Pose) -> Solution:
         """Levenberg-Marquardt in one view."""
@@ -259,7 +275,9 @@ class RealtimeTracker:
             rate = (s.forgetting * w * facing)[:, None].astype(np.float32)
             self.adapted += rate * (solution.y - mean - self.adapted)  # Eq. (7), about the mean of this pose
         if s.learn_shape:
-            novelty = self.shape.novelty(tilt, pan)
+            expression = self.pose.animation - self.fit.animation
+            worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
+            novelty = self.shape.novelty(tilt, pan, worth)
             if novelty < s.least_novelty:
                 return
             regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)

@@ -23,14 +23,17 @@ class ShapePosterior:
         covariance = prior_covariance(neutral, R, t, settings)
         self.information = np.linalg.inv(covariance)
         self.vector = np.zeros(neutral.size)
-        self.seen: dict[tuple[int, int], int] = {}
+        self.seen: dict[tuple[int, int], float] = {}
 
-    def novelty(self, tilt: float, pan: float) -> float:
-        """How much of a frame's information at this pose (radians) is new, in [0, 1]; counts the frame."""
+    def novelty(self, tilt: float, pan: float, worth: float) -> float:
+        """How much of a frame's information at this pose (radians) is new, in [0, 1]; counts the frame.
+
+        worth: in [0, 1], what the frame can teach at best.
+        """
         key = (self._bin(tilt), self._bin(pan))
-        count = self.seen.get(key, 0)
-        self.seen[key] = count + 1
-        return self.settings.shape_rate / (1 + count)
+        count = self.seen.get(key, 0.0)
+        self.seen[key] = count + worth
+        return self.settings.shape_rate * worth / (1 + count)
 
     def add(self, neutral: Array, Lambda: Array, gradient: Array) -> Array:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
