@@ -22,7 +22,7 @@ from mien.initialization.landmarks import Landmarks
 from mien.tracking.kernels import polynomial
 from mien.video import Frame
 
-CROP_UNITS = 1.9
+CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
 
 
