@@ -17,13 +17,15 @@ class DescriptorSettings(Settings):
     """Where and how descriptors are read: in a crop in which the face has a fixed size.
 
     pixels_per_unit: size of a CANDIDE unit in the crop, in pixels; cell: side of one of SIFT's 4x4 cells in
-    pixels of the crop; blur: standard deviation in pixels of a Gaussian applied first.
+    pixels of the crop; blur: standard deviation in pixels of a Gaussian applied first; root: 0 clips the entries as
+    Lowe does, more takes their square root after adding it (only the kernel `mien`).
     """
 
     kernel: Literal["mien", "opencv"] = "mien"
     pixels_per_unit: float = Field(64.0, gt=0)
     cell: int = Field(6, ge=1)
     blur: float = Field(1.0, ge=0)
+    root: float = Field(0.0, ge=0)
 
 
 class PaperSettings(Settings):
@@ -51,18 +53,18 @@ class RealtimeSettings(Settings):
     """The tracker for use: gradient optimisation, appearance by pose, shape that is learned, visibility."""
 
     preset: Literal["realtime"] = "realtime"
-    descriptor: DescriptorSettings = DescriptorSettings(pixels_per_unit=64.0, cell=4, blur=0.8)
-    coarse: DescriptorSettings = DescriptorSettings(pixels_per_unit=32.0, cell=5, blur=0.8)
+    descriptor: DescriptorSettings = DescriptorSettings(pixels_per_unit=64.0, cell=4, blur=0.8, root=0.01)
+    coarse: DescriptorSettings = DescriptorSettings(pixels_per_unit=32.0, cell=5, blur=0.8, root=0.01)
     view_limit_deg: float = Field(40.0, gt=0, description="tilt and pan of the rendered views")
-    views_per_angle: int = Field(9, ge=4)
-    light_contrast: float = Field(0.3, ge=0, description="side light in the rendered views, logarithm of its gain")
+    views_per_angle: int = Field(11, ge=4)
+    light_contrast: float = Field(0.35, ge=0, description="side light in the rendered views, logarithm of its gain")
     rank: int = Field(12, ge=0, description="dimensions of the covariance beyond its floor")
-    floor: float = Field(4e-3, gt=0, description="variance of a descriptor's entry in every direction")
+    floor: float = Field(1e-3, gt=0, description="variance of a descriptor's entry in every direction")
     iterations: int = Field(12, ge=1)
     tolerance: float = Field(0.3, gt=0, description="least gain of an iteration, in units of the energy")
     crop_roll_deg: float = Field(0.8, gt=0, description="roll of a crop from the face's that asks for another look")
     crop_scale: float = Field(0.015, gt=0, description="the same of its size, as a share")
-    robust_factor: float = Field(1.0, gt=0, description="distance over the expected one at which a weight is a quarter")
+    robust_factor: float = Field(0.8, gt=0, description="distance over the expected one at which a weight is a quarter")
     jaw_tolerance: float = Field(2.0, gt=0, description="the same for lower lip and chin, times this")
     nose_tolerance: float = Field(1.4, gt=0, description="the same for the nose, which no expression moves")
     expected_distance: float = Field(25.0, gt=0, description="squared distance of a landmark, until measured")
@@ -83,8 +85,8 @@ class RealtimeSettings(Settings):
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     learn_shape: bool = True
     relief_sd: float = Field(0.15, ge=0, description="relative standard deviation of the depth of the whole face")
-    depth_sd: float = Field(0.05, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
-    lateral_sd: float = Field(0.006, gt=0, description="the same across the ray of the first frame")
+    depth_sd: float = Field(0.06, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
+    lateral_sd: float = Field(0.005, gt=0, description="the same across the ray of the first frame")
     location_sd: float = Field(0.1, gt=0, description="systematic error of a landmark in pixels of the crop")
     appearance_angle_sd_deg: float = Field(30.0, gt=0, description="systematic error of the angles a patch shows")
     shape_rate: float = Field(1.0, ge=0, description="share of a frame's information that is independent")

@@ -92,19 +92,21 @@ def test_the_smoothing_is_a_triangle(cell: int) -> None:
     np.testing.assert_allclose(profile, triangle.sum(axis=0), atol=1e-6)
 
 
+@pytest.mark.parametrize("root", [0.0, 0.01])
 @pytest.mark.parametrize("cell", [3, 4, 6])
-def test_jacobian_against_differences(cell: int) -> None:
+def test_jacobian_against_differences(cell: int, root: float) -> None:
     """Within a pixel a descriptor is smooth but for the clip at 0.2, so that single entries may differ."""
     maps = orientation_maps(_smooth(), cell)
     rng = np.random.default_rng(1)
     # No sample of the grid may come to lie on a whole pixel, where the derivative jumps.
     points = np.floor(rng.uniform(25, 55, (40, 2))) + rng.uniform(0.2, 0.3, (40, 2))
-    value, J = describe_with_jacobian(maps, points, cell)
-    np.testing.assert_allclose(value, describe(maps, points, cell), atol=1e-6)
+    value, J = describe_with_jacobian(maps, points, cell, root)
+    np.testing.assert_allclose(value, describe(maps, points, cell, root), atol=1e-6)
     step = 0.01
     for axis in range(2):
         shift = step * np.eye(2)[axis]
-        difference = (describe(maps, points + shift, cell) - describe(maps, points - shift, cell)) / (2 * step)
+        ahead, behind = (describe(maps, points + sign * shift, cell, root) for sign in (1, -1))
+        difference = (ahead - behind) / (2 * step)
         error = np.linalg.norm(J[:, axis] - difference, axis=1) / np.linalg.norm(difference, axis=1)
         assert np.median(error) < 0.005
         assert error.max() < 0.2
@@ -144,3 +146,14 @@ def test_points_outside_the_image_read_its_edge() -> None:
     assert np.isfinite(value).all()
     assert np.isfinite(J).all()
     assert np.isfinite(describe_with_opencv(gray, POINTS_OUTSIDE, 4)).all()
+
+
+def test_the_root_measures_the_distance_of_hellinger() -> None:
+    """Where nothing is clipped: entries are square roots of the plain ones, scaled to unit length."""
+    maps = orientation_maps(_smooth(), 4)
+    points = np.array([[30.3, 40.7], [50.1, 33.3]])
+    plain, rooted = describe(maps, points, 4).astype(float), describe(maps, points, 4, 1e-6)
+    plain[(plain < 0.01) | (plain > 0.19)] = np.nan  # too small to compare, or touched by the clip
+    ratio = rooted**2 / plain
+    np.testing.assert_allclose(np.nanmax(ratio, axis=1), np.nanmin(ratio, axis=1), rtol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(rooted, axis=1), 1, rtol=1e-5)

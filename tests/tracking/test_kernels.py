@@ -21,6 +21,7 @@ from strategies import rotation_vectors, rotations, vectors
 CAMERA = np.array([280.0, 159.5, 119.5])
 LINEAR, OFFSET = np.array([[0.9, 0.3], [-0.3, 0.9]]), np.array([-85.0, 15.0])
 N, RANK, CELL, LIMIT = 8, 5, 4, 0.7
+ROOT = 0.01
 ANGLES = st.floats(-1.2, 1.2)
 FEW = settings(max_examples=40)
 
@@ -174,7 +175,7 @@ class Problem:
         q, _ = kernels.project(*person, R, t, a, CAMERA, LINEAR, OFFSET)
         tilt, pan, _ = kernels.view_angles(ray.T @ R @ FACING)
         terms = kernels.polynomial(tilt, pan, LIMIT)[0]
-        coefficients[:, 0] += describe(maps, q, CELL) - np.einsum("p,npc->nc", terms, coefficients)
+        coefficients[:, 0] += describe(maps, q, CELL, ROOT) - np.einsum("p,npc->nc", terms, coefficients)
         U = np.stack([np.linalg.qr(rng.normal(size=(128, RANK)))[0].T for _ in range(N)]).astype(np.float32)
         variance, floor = rng.uniform(0.001, 0.01, (N, RANK)), 4e-3
         appearance = (
@@ -202,7 +203,7 @@ class Problem:
         y, M, g, d2 = np.zeros((N, 128), np.float32), np.zeros((N, 4, 4)), np.zeros((N, 4)), np.zeros(N)
         B, w, H, G = np.zeros((N, 4, 12)), np.zeros(N), np.empty((12, 12)), np.empty(12)
         energy = kernels.evaluate(
-            R, t, a, self.maps, CELL, self.person, self.appearance, self.active, self.scale, self.prior, self.view,
+            R, t, a, self.maps, CELL, ROOT, self.person, self.appearance, self.active, self.scale, self.prior, self.view,
             y, M, g, d2, B, w, H, G,
         )  # fmt: skip
         return float(energy), H, G, d2
@@ -214,7 +215,7 @@ class Problem:
     def solve(self, step: Array, iterations: int = 40) -> tuple[Any, ...]:
         """`kernels.solve` from a step (12,) away from the minimum."""
         found: tuple[Any, ...] = kernels.solve(
-            *_stepped(*self.minimum, step), self.maps, CELL, self.person, self.appearance, self.active, self.scale,
+            *_stepped(*self.minimum, step), self.maps, CELL, ROOT, self.person, self.appearance, self.active, self.scale,
             self.prior, self.view, iterations, 1e-4,
         )  # fmt: skip
         return found

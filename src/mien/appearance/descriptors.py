@@ -7,6 +7,10 @@ the triangle that linear interpolation between cells amounts to, and then reads 
 its derivative by the point, from sixteen bilinear samples. It weights by the Gaussian per cell where Lowe
 weights per pixel; `tests/appearance/test_descriptors.py` holds it to OpenCV's descriptor.
 
+`root` above 0 takes the square root of every entry, plus that constant, in place of clipping: distances between
+such descriptors are those of Hellinger, in which a few strong edges no longer outweigh the rest (R. Arandjelovic and
+A. Zisserman, Three things everyone should know to improve object retrieval, CVPR 2012).
+
 A point's keypoint size in OpenCV's terms is `cell * 2 / 3`: a cell is 3 sizes / 2 wide.
 """
 
@@ -39,18 +43,18 @@ def orientation_maps(gray: Float32, cell: int) -> Float32:
     return np.asarray(cv2.sepFilter2D(maps, -1, triangle, triangle, borderType=cv2.BORDER_CONSTANT), np.float32)
 
 
-def describe(maps: Float32, points: Array, cell: int) -> Float32:
+def describe(maps: Float32, points: Array, cell: int, root: float = 0.0) -> Float32:
     """Descriptors of unit length (n, 128) at image points (n, 2)."""
     out = np.empty((len(points), LENGTH), np.float32)
-    _describe(maps, points, cell, out)
+    _describe(maps, points, cell, root, out)
     return out
 
 
-def describe_with_jacobian(maps: Float32, points: Array, cell: int) -> tuple[Float32, Float32]:
+def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float = 0.0) -> tuple[Float32, Float32]:
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    _describe_with_jacobian(maps, points, cell, out, J)
+    _describe_with_jacobian(maps, points, cell, root, out, J)
     return out, J
 
 
@@ -106,7 +110,7 @@ def _cell_weight(i: int, j: int) -> Any:
 
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _describe(maps: Any, points: Any, cell: int, out: Any) -> None:
+def _describe(maps: Any, points: Any, cell: int, root: float, out: Any) -> None:
     height, width = maps.shape[0], maps.shape[1]
     for n in range(points.shape[0]):
         for i in range(4):
@@ -125,8 +129,12 @@ def _describe(maps: Any, points: Any, cell: int, out: Any) -> None:
                         + w10 * maps[iy + 1, ix, k] + w11 * maps[iy + 1, ix + 1, k]
                     )  # fmt: skip
         _normalize(out[n])
-        for i in range(128):
-            out[n, i] = min(out[n, i], np.float32(0.2))
+        if root > 0.0:
+            for i in range(128):
+                out[n, i] = np.sqrt(out[n, i] + np.float32(root))
+        else:
+            for i in range(128):
+                out[n, i] = min(out[n, i], np.float32(0.2))
         _normalize(out[n])
 
 
@@ -142,7 +150,7 @@ def _normalize(v: Any) -> Any:
 
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _describe_with_jacobian(maps: Any, points: Any, cell: int, out: Any, J: Any) -> None:
+def _describe_with_jacobian(maps: Any, points: Any, cell: int, root: float, out: Any, J: Any) -> None:
     height, width = maps.shape[0], maps.shape[1]
     for n in range(points.shape[0]):
         for i in range(4):
@@ -161,11 +169,17 @@ def _describe_with_jacobian(maps: Any, points: Any, cell: int, out: Any, J: Any)
                     J[n, 0, o + k] = w * (gy * (b - a) + fy * (d - c))
                     J[n, 1, o + k] = w * (gx * (c - a) + fx * (d - b))
         _normalize_with_jacobian(out[n], J[n])
-        for i in range(128):
-            if out[n, i] > np.float32(0.2):
-                out[n, i] = np.float32(0.2)
-                J[n, 0, i] = 0.0
-                J[n, 1, i] = 0.0
+        if root > 0.0:
+            for i in range(128):
+                out[n, i] = np.sqrt(out[n, i] + np.float32(root))
+                J[n, 0, i] *= np.float32(0.5) / out[n, i]
+                J[n, 1, i] *= np.float32(0.5) / out[n, i]
+        else:
+            for i in range(128):
+                if out[n, i] > np.float32(0.2):
+                    out[n, i] = np.float32(0.2)
+                    J[n, 0, i] = 0.0
+                    J[n, 1, i] = 0.0
         _normalize_with_jacobian(out[n], J[n])
 
 

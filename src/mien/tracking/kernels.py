@@ -90,7 +90,7 @@ def project(neutral: Any, units: Any, R: Any, t: Any, a: Any, camera: Any, linea
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
 def linearize_landmarks(
-    maps: Any, cell: int, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any, inverse_floor: Any,
+    maps: Any, cell: int, root: float, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any, inverse_floor: Any,
     active: Any, y: Any, M: Any, g: Any, d2: Any,
 ) -> None:  # fmt: skip
     """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
@@ -105,7 +105,7 @@ def linearize_landmarks(
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        _describe_with_jacobian(maps, q[i : i + 1], cell, y[i : i + 1], J)
+        _describe_with_jacobian(maps, q[i : i + 1], cell, root, y[i : i + 1], J)
         for c in range(128):
             D[0, c] = y[i, c] - delta[i, c]
             D[1, c] = J[0, 0, c]
@@ -235,7 +235,7 @@ def rotation_vector(R: Any) -> Any:
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
 def evaluate(
-    R: Any, t: Any, a: Any, maps: Any, cell: int, person: Any, appearance: Any, active: Any, scale: Any,
+    R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
 ) -> Any:  # fmt: skip
     """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
@@ -255,7 +255,7 @@ def evaluate(
     tilt, pan, J_angles = view_angles(V)
     J_angles = transposed_product(J_angles.T, ray.T)
     linearize_landmarks(
-        maps, cell, q, coefficients, delta, polynomial(tilt, pan, limit), U, gain, inverse_floor, active, y, M, g, d2
+        maps, cell, root, q, coefficients, delta, polynomial(tilt, pan, limit), U, gain, inverse_floor, active, y, M, g, d2
     )
     H[:] = information
     step = np.empty(STATE)
@@ -307,7 +307,7 @@ def evaluate(
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
 def solve(
-    R: Any, t: Any, a: Any, maps: Any, cell: int, person: Any, appearance: Any, active: Any, scale: Any,
+    R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, iterations: int, tolerance: float,
 ) -> Any:  # fmt: skip
     """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen.
@@ -328,7 +328,7 @@ def solve(
     best_R, best_t, best_a = R, t, a
     evaluations = 0
     while evaluations < iterations:
-        energy = evaluate(R, t, a, maps, cell, person, appearance, active, scale, prior, view, y, M, g, d2, B, w, H, G)
+        energy = evaluate(R, t, a, maps, cell, root, person, appearance, active, scale, prior, view, y, M, g, d2, B, w, H, G)
         evaluations += 1
         if energy < best:
             best, best_R, best_t, best_a = energy, R, t, a

@@ -252,6 +252,7 @@ class RealtimeTracker:
         return PosePosterior(
             maps=view.maps,
             cell=view.level.descriptor.cell,
+            root=view.level.descriptor.root,
             person=(self.neutral, self.units),
             appearance=(appearance.coefficients, self.adapted, appearance.U, appearance.gain,
                         appearance.inverse_floor, appearance.limit, self.precision),

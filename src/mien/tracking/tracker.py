@@ -35,16 +35,17 @@ class Reader:
     gray: Float32
     maps: Float32 | None
     cell: int
+    root: float
 
     @classmethod
     def of(cls, gray: Float32, settings: DescriptorSettings) -> Reader:
         maps = orientation_maps(gray, settings.cell) if settings.kernel == "mien" else None
-        return cls(gray, maps, settings.cell)
+        return cls(gray, maps, settings.cell, settings.root)
 
     def __call__(self, points: Array) -> Float32:
         if self.maps is None:
             return describe_with_opencv(self.gray, points, self.cell)
-        return describe(self.maps, points, self.cell)
+        return describe(self.maps, points, self.cell, self.root)
 
 
 class PaperTracker:

@@ -14,13 +14,13 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.59
+NOISE_SCALE = 0.653
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0382
+TURN_SD = 0.0327
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-ROTATION_SD = 0.0218
+ROTATION_SD = 0.0184
 """The same by the whole angle (radians) from the first frame: axes that are not quite the head's."""
-_CONFIDENCE = (-15.02, -2.576, 3.092)
+_CONFIDENCE = (-14.27, -2.601, 2.064)
 _GOOD_DISTANCE = 40.0
 _STRANGER = (36.0, 20.0, 2.0)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
