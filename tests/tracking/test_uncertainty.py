@@ -9,6 +9,7 @@ from hypothesis import given
 from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp
 from mien.tracking.uncertainty import (
+    MISFIT_DISTANCE,
     NOISE_SCALE,
     ROTATION_SD,
     TURN_SD,
@@ -19,17 +20,24 @@ from mien.tracking.uncertainty import (
 from strategies import head_rotations, rotation_vectors
 
 H = np.diag([400.0, 400, 2500] + [100.0] * 9)
+PERFECT = np.zeros(26)
 
 
-def test_at_the_first_pose_the_noise_is_all() -> None:
-    np.testing.assert_allclose(state_covariance(H, FACING, FACING), NOISE_SCALE**2 * np.linalg.inv(H))
+def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
+    np.testing.assert_allclose(state_covariance(H, PERFECT, FACING, FACING), NOISE_SCALE**2 * np.linalg.inv(H))
+
+
+def test_landmarks_that_look_wrong_make_everything_less_certain() -> None:
+    perfect = state_covariance(H, PERFECT, rotation(0, 0.5, 0), FACING)
+    misfit = state_covariance(H, np.full(26, MISFIT_DISTANCE), rotation(0, 0.5, 0), FACING)
+    np.testing.assert_allclose(misfit, 2 * perfect)
 
 
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
-    covariance = state_covariance(H, R, R_first)
+    covariance = state_covariance(H, PERFECT, R, R_first)
     assert np.linalg.eigvalsh(covariance - NOISE_SCALE**2 * np.linalg.inv(H)).min() > -1e-12
-    np.testing.assert_array_equal(covariance[3:, 3:], state_covariance(H, R_first, R_first)[3:, 3:])
+    np.testing.assert_array_equal(covariance[3:, 3:], state_covariance(H, PERFECT, R_first, R_first)[3:, 3:])
 
 
 def test_systematic_variance_by_hand() -> None:
@@ -45,16 +53,17 @@ def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Ar
     assert systematic_variance(exp(v) @ R, exp(v) @ R_first) == pytest.approx(systematic_variance(R, R_first), abs=1e-9)
 
 
-def test_confidence_falls_with_the_spread_and_with_what_looks_wrong() -> None:
-    right, wrong = np.zeros(26), np.full(26, 1e3)
-    spreads = [confidence(scale * np.eye(12), right, FACING, FACING) for scale in (1e-5, 1e-3, 1e-1, 10)]
+def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:
+    spreads = [confidence(scale * np.eye(12), PERFECT, 0.6, FACING, FACING) for scale in (1e-5, 1e-3, 1e-1, 10)]
     assert spreads == sorted(spreads, reverse=True)
-    assert confidence(1e-3 * np.eye(12), right, FACING, FACING) > confidence(1e-3 * np.eye(12), wrong, FACING, FACING)
-    assert all(0 <= c <= 1 for c in spreads)
-    assert confidence(1e9 * np.eye(12), np.zeros(0), FACING, FACING) == pytest.approx(0, abs=1e-9)
+    hidden = [confidence(1e-3 * np.eye(12), PERFECT, seen, FACING, FACING) for seen in (1, 0.7, 0.4, 0.1)]
+    assert hidden == sorted(hidden, reverse=True)
+    assert hidden[0] > 0.99
+    assert hidden[-1] < 0.05
+    assert confidence(1e9 * np.eye(12), np.zeros(0), 0.0, FACING, FACING) == 0
 
 
 def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
-    stranger = np.full(26, 55.0)
-    assert confidence(1e-5 * np.eye(12), stranger, FACING, FACING) < 0.01
-    assert confidence(1e-5 * np.eye(12), np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING) > 0.9
+    stranger = np.full(26, 65.0)
+    assert confidence(1e-5 * np.eye(12), stranger, 1.0, FACING, FACING) < 0.01
+    assert confidence(1e-5 * np.eye(12), np.where(np.arange(26) < 9, 10.0, 65.0), 1.0, FACING, FACING) > 0.9

@@ -14,24 +14,27 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.653
+NOISE_SCALE = 0.466
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0327
+TURN_SD = 0.0213
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-ROTATION_SD = 0.0184
+ROTATION_SD = 0.0068
 """The same by the whole angle (radians) from the first frame: axes that are not quite the head's."""
-_CONFIDENCE = (-14.27, -2.601, 2.064)
-_GOOD_DISTANCE = 40.0
-_STRANGER = (36.0, 20.0, 2.0)
+MISFIT_DISTANCE = 18.8
+"""Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
+_CONFIDENCE = (-18.73, -2.342, 12.03)
+_STRANGER = (45.0, 24.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
 
-def state_covariance(H: Array, R: Array, R_first: Array) -> Array:
-    """Covariance (12, 12) of `[w, t, a]` from H (12, 12) at a rotation (3, 3), relative to the first frame's."""
+def state_covariance(H: Array, d2: Array, R: Array, R_first: Array) -> Array:
+    """Covariance (12, 12) of `[w, t, a]` from H (12, 12) and the squared distances d2 (n,) of the landmarks that are
+    seen, at a rotation (3, 3), relative to the first frame's."""
     covariance = NOISE_SCALE**2 * np.linalg.inv(H)
     covariance[:3, :3] += systematic_variance(R, R_first) * np.eye(3)
-    return np.asarray(covariance)
+    median = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
+    return np.asarray((1 + median / MISFIT_DISTANCE) * covariance)
 
 
 def systematic_variance(R: Array, R_first: Array) -> float:
@@ -41,17 +44,17 @@ def systematic_variance(R: Array, R_first: Array) -> float:
     return TURN_SD**2 * sine_squared + (ROTATION_SD * angle) ** 2
 
 
-def confidence(covariance: Array, d2: Array, R: Array, R_first: Array) -> float:
-    """Probability that the rotation is right to 5 degrees, given squared distances d2 (n,) of the landmarks seen.
+def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
+    """Probability that the rotation is right to 5 degrees.
 
-    A logistic regression, fitted to measured errors, on the spread of the rotation and the share of landmarks that
-    look as expected, times the probability that this is the face of the first frame at all.
+    d2: (n,) squared distances of the landmarks that face the camera; seen: share of all landmarks that are seen.
+    A logistic regression, fitted to measured errors, on the spread of the rotation and on what is seen, times the
+    probability that this is the face of the first frame at all.
     """
     if not len(d2):
         return 0.0
-    bias, by_spread, by_share = _CONFIDENCE
-    spread = math.log(float(np.trace(covariance[:3, :3])))
-    right = _logistic(bias + by_spread * spread + by_share * float((d2 < _GOOD_DISTANCE).mean()))
+    bias, by_spread, by_seen = _CONFIDENCE
+    right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))) + by_seen * seen)
     turn = _angle(float(R[:, 2] @ R_first[:, 2]))
     stranger, by_turn, width = _STRANGER
     best_quarter = float(np.sort(d2)[len(d2) // 4])
