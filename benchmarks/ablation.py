@@ -16,6 +16,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from mien.appearance.descriptors import orientation_maps
 from mien.appearance.regression import PoseRegression
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
@@ -25,6 +26,7 @@ from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
 from mien.evaluation.results import SequenceResult, TrackTable
 from mien.evaluation.scores import Score, pooled_errors
 from mien.geometry.camera import Camera
+from mien.initialization import fit
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks
 from mien.tracking import learning
@@ -92,6 +94,35 @@ class WithoutDepths(RealtimeTracker):
         return super().initialize(frame, replace(landmarks, depths=None), camera)
 
 
+class Clipped(RealtimeTracker):
+    """SIFT as Lowe prints it, with the covariance's floor that goes with it."""
+
+    def __init__(self) -> None:
+        s = RealtimeSettings()
+        plain = {name: getattr(s, name).model_copy(update={"root": 0.0}) for name in ("descriptor", "coarse")}
+        super().__init__(s.model_copy(update={**plain, "floor": 4e-3}))
+
+
+class PlainIntensities(RealtimeTracker):
+    """Gradients of the picture itself."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        with patch.object(learning, "compressed_maps", orientation_maps):
+            return super().initialize(frame, landmarks, camera)
+
+    def track(self, frame: Frame) -> Estimate:
+        with patch.object(learning, "compressed_maps", orientation_maps):
+            return super().track(frame)
+
+
+class FittedAxes(RealtimeTracker):
+    """Nobody is taken to look into the camera when they begin."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        with patch.object(fit, "most_likely_facing", lambda R, t: R):
+            return super().initialize(frame, landmarks, camera)
+
+
 def _set(**settings: Any) -> Callable[[], RealtimeTracker]:
     return lambda: RealtimeTracker(RealtimeSettings.model_validate(settings))
 
@@ -100,9 +131,14 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "full": RealtimeTracker,
     "appearance from the front only": FrontalAppearance,
     "one Gaussian for all views, as in the paper": OneGaussian,
-    "5x5 views, not 9x9": _set(views_per_angle=5),
+    "5x5 views, not 11x11": _set(views_per_angle=5),
     "no light in the views": _set(light_contrast=0),
+    "histograms clipped, not rooted": Clipped,
+    "intensities, not their roots": PlainIntensities,
+    "head's axes as fitted": FittedAxes,
+    "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
     "shape not learned": _set(learn_shape=False),
+    "expressive frames teach the shape too": _set(expression_sd=1e6),
     "detector's depths ignored": WithoutDepths,
     "no robust weights": _set(robust_factor=1e9),
     "no visibility by normals": _set(hidden_cosine=-1),

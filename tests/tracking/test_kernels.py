@@ -203,8 +203,8 @@ class Problem:
         y, M, g, d2 = np.zeros((N, 128), np.float32), np.zeros((N, 4, 4)), np.zeros((N, 4)), np.zeros(N)
         B, w, H, G = np.zeros((N, 4, 12)), np.zeros(N), np.empty((12, 12)), np.empty(12)
         energy = kernels.evaluate(
-            R, t, a, self.maps, CELL, ROOT, self.person, self.appearance, self.active, self.scale, self.prior, self.view,
-            y, M, g, d2, B, w, H, G,
+            R, t, a, self.maps, CELL, ROOT, self.person, self.appearance, self.active, self.scale, self.prior,
+            self.view, y, M, g, d2, B, w, H, G,
         )  # fmt: skip
         return float(energy), H, G, d2
 
@@ -215,8 +215,8 @@ class Problem:
     def solve(self, step: Array, iterations: int = 40) -> tuple[Any, ...]:
         """`kernels.solve` from a step (12,) away from the minimum."""
         found: tuple[Any, ...] = kernels.solve(
-            *_stepped(*self.minimum, step), self.maps, CELL, ROOT, self.person, self.appearance, self.active, self.scale,
-            self.prior, self.view, iterations, 1e-4,
+            *_stepped(*self.minimum, step), self.maps, CELL, ROOT, self.person, self.appearance, self.active,
+            self.scale, self.prior, self.view, iterations, 1e-4,
         )  # fmt: skip
         return found
 

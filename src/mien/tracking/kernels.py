@@ -90,8 +90,8 @@ def project(neutral: Any, units: Any, R: Any, t: Any, a: Any, camera: Any, linea
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
 def linearize_landmarks(
-    maps: Any, cell: int, root: float, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any, inverse_floor: Any,
-    active: Any, y: Any, M: Any, g: Any, d2: Any,
+    maps: Any, cell: int, root: float, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
+    inverse_floor: Any, active: Any, y: Any, M: Any, g: Any, d2: Any,
 ) -> None:  # fmt: skip
     """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
 
@@ -254,9 +254,8 @@ def evaluate(
     V[:, 2] *= -1
     tilt, pan, J_angles = view_angles(V)
     J_angles = transposed_product(J_angles.T, ray.T)
-    linearize_landmarks(
-        maps, cell, root, q, coefficients, delta, polynomial(tilt, pan, limit), U, gain, inverse_floor, active, y, M, g, d2
-    )
+    terms = polynomial(tilt, pan, limit)
+    linearize_landmarks(maps, cell, root, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
     H[:] = information
     step = np.empty(STATE)
     step[:3] = rotation_vector(transposed_product(R.T, R_prior.T))
@@ -312,8 +311,9 @@ def solve(
 ) -> Any:  # fmt: skip
     """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen.
 
-    Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy, H (12, 12), y (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,),
-    and how often the energy was evaluated, all at the lowest point.
+    Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy,
+    H (12, 12), y (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was seen, and
+    how often the energy was evaluated.
     """
     n = person[0].shape[0]
     y, best_y = np.zeros((n, 128), np.float32), np.zeros((n, 128), np.float32)
@@ -328,7 +328,9 @@ def solve(
     best_R, best_t, best_a = R, t, a
     evaluations = 0
     while evaluations < iterations:
-        energy = evaluate(R, t, a, maps, cell, root, person, appearance, active, scale, prior, view, y, M, g, d2, B, w, H, G)
+        energy = evaluate(
+            R, t, a, maps, cell, root, person, appearance, active, scale, prior, view, y, M, g, d2, B, w, H, G
+        )
         evaluations += 1
         if energy < best:
             best, best_R, best_t, best_a = energy, R, t, a

@@ -30,10 +30,10 @@ class Posterior:
 class PosePosterior:
     """Eq. (9) with an appearance that follows the pose, robust, with derivatives; the fields are `kernels.solve`'s.
 
-    maps (H, W, 8), cell and root: what the descriptors are read from, and how; person: neutral landmarks and animation units;
-    appearance: regression, adaptation and systematic error; active (n,): landmarks that take part; scale (n,):
-    squared distances at which they lose their weight; prior: predicted state, its information, and the rest of
-    the animation; view: camera and crop.
+    maps (H, W, 8), cell and root: what the descriptors are read from, and how; person: neutral landmarks and
+    animation units; appearance: regression, adaptation and systematic error; active (n,): landmarks that take part;
+    scale (n,): squared distances at which they lose their weight; prior: predicted state, its information, and the
+    rest of the animation; view: camera and crop.
     """
 
     maps: Any
@@ -54,7 +54,7 @@ class PosePosterior:
     def solve(self, R: Array, t: Array, a: Array, iterations: int, tolerance: float) -> tuple[Any, ...]:
         """`kernels.solve` from a state."""
         solution: tuple[Any, ...] = kernels.solve(
-            np.ascontiguousarray(R), t, a, self.maps, self.cell, self.root, self.person, self.appearance, self.active, self.scale,
-            self.prior, self.view, iterations, tolerance,
+            np.ascontiguousarray(R), t, a, self.maps, self.cell, self.root, self.person, self.appearance, self.active,
+            self.scale, self.prior, self.view, iterations, tolerance,
         )  # fmt: skip
         return solution
