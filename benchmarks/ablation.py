@@ -16,7 +16,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from mien.appearance.descriptors import orientation_maps
 from mien.appearance.regression import PoseRegression
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
@@ -103,18 +102,6 @@ class Clipped(RealtimeTracker):
         super().__init__(s.model_copy(update={**plain, "floor": 4e-3}))
 
 
-class PlainIntensities(RealtimeTracker):
-    """Gradients of the picture itself."""
-
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        with patch.object(learning, "compressed_maps", orientation_maps):
-            return super().initialize(frame, landmarks, camera)
-
-    def track(self, frame: Frame) -> Estimate:
-        with patch.object(learning, "compressed_maps", orientation_maps):
-            return super().track(frame)
-
-
 class FittedAxes(RealtimeTracker):
     """Nobody is taken to look into the camera when they begin."""
 
@@ -134,7 +121,6 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "5x5 views, not 11x11": _set(views_per_angle=5),
     "no light in the views": _set(light_contrast=0),
     "histograms clipped, not rooted": Clipped,
-    "intensities, not their roots": PlainIntensities,
     "head's axes as fitted": FittedAxes,
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
     "shape not learned": _set(learn_shape=False),

@@ -40,7 +40,7 @@ class Level:
 
     def maps(self, frame: Frame, crop: Crop) -> Float32:
         """Orientation maps of a frame's crop."""
-        return compressed_maps(crop.sample(frame.pixels, self.descriptor.blur), self.descriptor.cell)
+        return orientation_maps(crop.sample(frame.pixels, self.descriptor.blur), self.descriptor.cell)
 
 
 @dataclass(frozen=True)
@@ -97,18 +97,12 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         light = None if s.light_contrast == 0 else random_light(normals @ R.T, s.light_contrast, rng)
         image = render(head @ R.T + t, triangles, texture, view, size, size, background, light).image[:, :, 0]
         points = face.points @ R.T + t
-        maps = compressed_maps(blurred(image, d.blur), d.cell)
+        maps = orientation_maps(blurred(image, d.blur), d.cell)
         samples.append(describe(maps, view.project(points)[0], d.cell, d.root))
         terms.append(polynomial(tilt, pan, limit)[0])
         visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
     appearance = PoseRegression.learn(np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank)
     return Level(d, size, appearance)
-
-
-def compressed_maps(gray: Float32, cell: int) -> Float32:
-    """Orientation maps of the square root of an image (H, W), so that the lit side of a patch does not outweigh the
-    other (Dalal and Triggs, Histograms of oriented gradients for human detection, CVPR 2005)."""
-    return orientation_maps(np.sqrt(gray), cell)
 
 
 def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> Array:
