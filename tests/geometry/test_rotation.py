@@ -17,6 +17,7 @@ from mien.geometry.rotation import (
     left_jacobian,
     log,
     matrix_from_euler,
+    ray_rotation,
 )
 from strategies import euler_angles, rotation_vectors, rotations, unit_vectors, vectors
 
@@ -105,3 +106,11 @@ def test_euler_jacobian_against_differences(angles: Array, w: Array) -> None:
 @given(rotations(), rotation_vectors())
 def test_angle_between_is_the_length_of_the_rotation_vector(R: Array, v: Array) -> None:
     assert angle_between(R, R @ exp(v)) == pytest.approx(np.linalg.norm(v), abs=1e-7)
+
+
+@pytest.mark.parametrize("X", [[0.0, 0, 5], [1, -0.5, 3], [-2, 2, 1]])
+def test_ray_rotation_turns_the_axis_into_the_ray_and_nothing_else(X: list[float]) -> None:
+    R, ray = ray_rotation(np.array(X)), np.array(X) / np.linalg.norm(X)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(R[:, 2], ray, atol=1e-12)
+    assert angle_between(R, np.eye(3)) == pytest.approx(np.arccos(ray[2]))
