@@ -234,28 +234,9 @@ def rotation_vector(R: Any) -> Any:
 
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def evaluate(
-    R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
-) -> Any:  # fmt: skip
-    """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
-
-    The derivatives are those of half the energy. Also fills, per landmark, y, M, g, d2 (see
-    `linearize_landmarks`), B (n, 4, 12) = [u, v, tilt, pan] by pose step, and the weight w in the solution.
-    """
-    neutral, units = person
-    coefficients, delta, U, gain, inverse_floor, limit, precision = appearance
+def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
+    """The prior's part of Eq. (9): returns its energy, and begins H (12, 12) and G (12,) with its derivatives."""
     R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
-    camera, linear, offset, ray = view
-    q, J = project(neutral, units, R, t, a, camera, linear, offset)
-    # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
-    V = transposed_product(ray, R)
-    V[:, 1] *= -1
-    V[:, 2] *= -1
-    tilt, pan, J_angles = view_angles(V)
-    J_angles = transposed_product(J_angles.T, ray.T)
-    terms = polynomial(tilt, pan, limit)
-    linearize_landmarks(maps, cell, root, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
     H[:] = information
     step = np.empty(STATE)
     step[:3] = rotation_vector(transposed_product(R.T, R_prior.T))
@@ -272,7 +253,44 @@ def evaluate(
         H[6 + k, 6 + k] += rest_information[k]
         G[6 + k] += rest_information[k] * from_rest
         energy += rest_information[k] * from_rest * from_rest
-    MB = np.empty((4, STATE))
+    return energy
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
+    """Add one landmark's w B^T M B to the upper triangle of H (12, 12), and its w B^T g to G (12,)."""
+    MB = transposed_product(M, B)  # M is symmetric
+    for r in range(STATE):
+        for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
+            x = w * B[k, r]
+            G[r] += x * g[k]
+            for c in range(r, STATE):
+                H[r, c] += x * MB[k, c]
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def evaluate(
+    R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
+    prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
+) -> Any:  # fmt: skip
+    """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
+
+    The derivatives are those of half the energy. Also fills, per landmark, y, M, g, d2 (see
+    `linearize_landmarks`), B (n, 4, 12) = [u, v, tilt, pan] by pose step, and the weight w in the solution.
+    """
+    neutral, units = person
+    coefficients, delta, U, gain, inverse_floor, limit, precision = appearance
+    camera, linear, offset, ray = view
+    q, J = project(neutral, units, R, t, a, camera, linear, offset)
+    # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
+    V = transposed_product(ray, R)
+    V[:, 1] *= -1
+    V[:, 2] *= -1
+    tilt, pan, J_angles = view_angles(V)
+    J_angles = transposed_product(J_angles.T, ray.T)
+    terms = polynomial(tilt, pan, limit)
+    linearize_landmarks(maps, cell, root, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
+    energy = add_prior(R, t, a, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
         if active[i] <= 0.0:
@@ -285,19 +303,7 @@ def evaluate(
         B[i] = 0.0
         B[i, :2] = J[i]
         B[i, 2:, :3] = J_angles
-        for k in range(4):
-            for c in range(STATE):
-                MB[k, c] = M[i, k, 0] * B[i, 0, c] + M[i, k, 1] * B[i, 1, c]
-            for c in range(3):
-                MB[k, c] += M[i, k, 2] * B[i, 2, c] + M[i, k, 3] * B[i, 3, c]
-        for r in range(STATE):
-            s = 0.0
-            for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
-                s += B[i, k, r] * g[i, k]
-                x = w[i] * B[i, k, r]
-                for c in range(r, STATE):
-                    H[r, c] += x * MB[k, c]
-            G[r] += w[i] * s
+        add_landmark(M[i], g[i], B[i], w[i], H, G)
     for r in range(STATE):
         for c in range(r):
             H[r, c] = H[c, r]
