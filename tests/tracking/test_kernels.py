@@ -185,7 +185,7 @@ class Problem:
             (1 / (variance + floor) - 1 / floor).astype(np.float32),
             np.full(N, 1 / floor, np.float32),
             LIMIT,
-            np.full(4, precision),
+            np.full((N, 4), precision),
         )
         active = np.ones(N)
         active[3] = 0

@@ -13,6 +13,7 @@ from small_motion import face
 
 N = 8
 SETTINGS = RealtimeSettings()
+EYES = np.array(["eye" in name or "brow" in name for name in LANDMARK_VERTICES])
 
 
 def test_shape_information_is_a_schur_complement() -> None:
@@ -45,7 +46,7 @@ def _neutral() -> Array:
 
 
 def _prior() -> Array:
-    return prior_covariance(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    return prior_covariance(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
 
 
 def test_the_prior_is_a_covariance() -> None:
@@ -69,7 +70,7 @@ def test_the_first_frame_leaves_depth_open_and_little_else() -> None:
 
 def test_information_adds_up_to_least_squares() -> None:
     """A measurement of every coordinate, linearised anywhere, is weighed against the prior."""
-    posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
     rng = np.random.default_rng(9)
     measured = _neutral() + rng.normal(0, 0.05, (26, 3))
     weight = 1 / 0.02**2
@@ -84,13 +85,13 @@ def test_information_adds_up_to_least_squares() -> None:
 
 
 def test_poses_that_come_again_say_less_and_less() -> None:
-    posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
     first, second, third = (posterior.novelty(0.01, 0.02, 1.0) for _ in range(3))
     assert (second, third) == pytest.approx((first / 2, first / 3))
     assert posterior.novelty(0.01, 0.3, 1.0) == first
 
 
 def test_a_frame_that_teaches_little_leaves_the_rest_to_others() -> None:
-    posterior = ShapePosterior(_neutral(), face().fit.R, face().fit.t, SETTINGS)
+    posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
     assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.shape_rate)
     assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.shape_rate / 1.1)

@@ -147,7 +147,7 @@ def linearize_landmarks(
 def temper(M: Any, g: Any, d2: float, precision: Any) -> float:
     """Give a landmark a systematic error of its own, and marginalise it: changes M and g, returns the new d2.
 
-    precision (4,): inverse variances of the misplacement in [u, v, tilt, pan]. With A = (M + diag(precision))^-1
+    precision (4,): inverse variances of the landmark's misplacement in [u, v, tilt, pan]. With A = (M + diag(precision))^-1
     the landmark's quadratic form becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
     """
     # Cholesky factor L of M + diag(precision), then X = L^-1 [M, g], so that M A M = X^T X.
@@ -295,7 +295,7 @@ def evaluate(
         w[i] = 0.0
         if active[i] <= 0.0:
             continue
-        d2[i] = temper(M[i], g[i], d2[i], precision)
+        d2[i] = temper(M[i], g[i], d2[i], precision[i])
         # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
         ratio = scale[i] / (scale[i] + d2[i])
         energy += active[i] * d2[i] * ratio

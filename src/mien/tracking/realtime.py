@@ -30,7 +30,10 @@ from mien.video import Frame
 _LEAST_LANDMARKS = 6
 _JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
+_EYES = np.array(["eye" in name or "brow" in name for name in LANDMARK_NAMES])
 _JAW_DROP = TRACKED_UNITS.index("jaw_drop")
+_FAR = 4.0
+"""Pixels of the crop: a landmark that seems further from its place than this is something else."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 VERTICES = list(LANDMARK_VERTICES.values())
 
@@ -76,6 +79,11 @@ class Solution:
         """Share of the landmarks that can be seen whose squared distance is at most `most`."""
         return float((self.d2[self.facing] <= most).mean()) if self.facing.sum() >= _LEAST_LANDMARKS else 0.0
 
+    def displacements(self) -> Array:
+        """Where each landmark alone would be, from where the pose puts it: (n, 2) pixels of the crop."""
+        information = self.M[:, :2, :2] + 1e-6 * np.eye(2)
+        return np.asarray(-np.linalg.solve(information, self.g[:, :2, None])[:, :, 0])
+
 
 @dataclass(frozen=True)
 class View:
@@ -107,7 +115,7 @@ class RealtimeTracker:
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
         self.neutral = self.face.neutral
-        self.shape = ShapePosterior(self.neutral, self.fit.R, self.fit.t, s)
+        self.shape = ShapePosterior(self.neutral, _EYES, self.fit.R, self.fit.t, s)
         n = len(VERTICES)
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)
@@ -119,8 +127,8 @@ class RealtimeTracker:
         sd[6 + _JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
-        angle = np.radians(s.appearance_angle_sd_deg)
-        self.precision = 1 / np.array([s.location_sd, s.location_sd, angle, angle]) ** 2
+        self.displacement = np.zeros(n)  # mean square, pixels of the crop squared, in u and in v
+        self.precision = self._precision()
         self.velocity = np.zeros(12)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
@@ -269,6 +277,7 @@ class RealtimeTracker:
         w, facing = solution.w, solution.facing
         trusted = facing & (w > 0.25)
         self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
+        self._weigh(solution)
         tilt, pan, _ = kernels.view_angles(ray_rotation(R @ CENTRE + t).T @ R @ FACING)
         if s.forgetting:
             appearance = self.face.fine.appearance
@@ -286,6 +295,21 @@ class RealtimeTracker:
                 solution.B, solution.M, solution.g, novelty * w, R, regularizer
             )  # fmt: skip
             self.neutral = self.shape.add(self.neutral, Lambda, gradient)
+
+    def _weigh(self, solution: Solution) -> None:
+        """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
+        s = self.settings
+        found = solution.facing & (solution.w > 1e-3)
+        squared = np.square(np.clip(solution.displacements(), -_FAR, _FAR)).mean(axis=1)
+        self.displacement[found] += s.location_rate * (squared - self.displacement)[found]
+        self.precision = self._precision()
+
+    def _precision(self) -> Array:
+        """Inverse variances (n, 4) of the systematic error of each landmark in [u, v, tilt, pan]; see `kernels.temper`."""
+        s = self.settings
+        location = s.location_sd**2 + self.displacement
+        angle = np.full(len(location), np.radians(s.appearance_angle_sd_deg) ** 2)
+        return 1 / np.stack([location, location, angle, angle], axis=1)
 
     def _posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
