@@ -5,7 +5,7 @@
 | outer and inner corner of the right eye | 36, 39 | 33, 133 |
 | inner and outer corner of the left eye | 42, 45 | 362, 263 |
 | tip of the nose, its base | 30, 33 | 4, 2 |
-| outer edges of the right and the left nostril | 31, 35 | 64, 294 |
+| outer edges of the right and the left nostril | 31, 35 | 240, 460 |
 | right and left corner of the mouth | 48, 54 | 61, 291 |
 | middle of the outer upper and lower lip | 51, 57 | 0, 17 |
 
