@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 
 from mien.candide.model import TRACKED_UNITS
 from mien.geometry.rotation import Array, angle_between
+from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Estimate
 from mien.video import Frame
@@ -39,6 +41,27 @@ def sequence() -> SyntheticSequence:
 def gentle_sequence() -> SyntheticSequence:
     """The same at half the size: what the simplex follows with the evaluations that it has."""
     return make_sequence(face(), states(share=0.5), noise_sd=NOISE_SD)
+
+
+@cache
+def with_spectacles() -> SyntheticSequence:
+    """The face of `sequence()` with dark rims, which stand a sixth of a unit off the eyes."""
+    fit, camera, angles = face().fit, face().camera, np.linspace(0, 2 * np.pi, 40)
+    vertices = fit.vertices()
+    rims = []
+    for side in ("left", "right"):
+        inner, outer = (vertices[LANDMARK_VERTICES[f"{side}_eye_{corner}_corner"]] for corner in ("inner", "outer"))
+        radius = 0.75 * np.linalg.norm(outer - inner)
+        ring = np.stack([radius * np.cos(angles), 0.8 * radius * np.sin(angles), np.full(40, 1 / 6)], axis=1)
+        rims.append(0.5 * (inner + outer) + ring)
+    frames = []
+    for frame, R, t in zip(sequence().frames, sequence().R, sequence().t, strict=True):
+        pixels = frame.pixels.copy()
+        for rim in rims:
+            p = camera.project(rim @ R.T + t)[0]
+            cv2.polylines(pixels, [np.round(16 * p).astype(np.int32)], True, (30, 25, 25), 2, cv2.LINE_AA, shift=4)
+        frames.append(replace(frame, pixels=pixels))
+    return shown(frames)
 
 
 @cache

@@ -125,7 +125,7 @@ def test_temper_against_the_dense_formula() -> None:
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     A = np.linalg.inv(M + np.diag(precision))
     M_new, g_new = M.copy(), g.copy()
-    assert kernels.temper(M_new, g_new, d2, precision) == pytest.approx(d2 - g @ A @ g)
+    assert kernels.temper(M_new, g_new, d2, 1 / precision) == pytest.approx(d2 - g @ A @ g)
     np.testing.assert_allclose(M_new, M - M @ A @ M, atol=1e-9)
     np.testing.assert_allclose(g_new, g - M @ A @ g, atol=1e-9)
 
@@ -135,7 +135,7 @@ def test_temper_is_the_best_misplacement() -> None:
     rng = np.random.default_rng(1)
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     M_new, g_new = M.copy(), g.copy()
-    d2_new = kernels.temper(M_new, g_new, d2, precision)
+    d2_new = kernels.temper(M_new, g_new, d2, 1 / precision)
     for x in rng.normal(size=(5, 4)):
         e = -np.linalg.solve(M + np.diag(precision), M @ x + g)
         expected = d2 + (x + e) @ M @ (x + e) + 2 * g @ (x + e) + e * precision @ e
@@ -146,7 +146,7 @@ def test_a_misplacement_that_is_known_to_be_none_changes_nothing() -> None:
     rng = np.random.default_rng(2)
     M, g = _positive(rng, 4), rng.normal(size=4)
     M_new, g_new = M.copy(), g.copy()
-    assert kernels.temper(M_new, g_new, 5.0, np.full(4, 1e12)) == pytest.approx(5)
+    assert kernels.temper(M_new, g_new, 5.0, np.full(4, 1e-12)) == pytest.approx(5)
     np.testing.assert_allclose(M_new, M, atol=1e-8)
     np.testing.assert_allclose(g_new, g, atol=1e-8)
 
@@ -185,7 +185,7 @@ class Problem:
             (1 / (variance + floor) - 1 / floor).astype(np.float32),
             np.full(N, 1 / floor, np.float32),
             LIMIT,
-            np.full((N, 4), precision),
+            np.full((N, 4), 1 / precision),
         )
         active = np.ones(N)
         active[3] = 0

@@ -68,6 +68,17 @@ def test_the_first_frame_leaves_depth_open_and_little_else() -> None:
         assert np.sqrt(ray @ own @ ray) > 5 * SETTINGS.lateral_sd
 
 
+def test_eyes_and_brows_may_stand_off_together() -> None:
+    """The depth of their mean, less that of the others, is uncertain by `eyes_sd` more than without it."""
+    fit = face().fit
+    contrast = np.where(EYES, 1 / EYES.sum(), -1 / (~EYES).sum())
+    rays = _neutral() @ fit.R.T + fit.t
+    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ fit.R
+    along = (contrast[:, None] * rays).ravel()
+    without = prior_covariance(_neutral(), EYES, fit.R, fit.t, RealtimeSettings(eyes_sd=0))
+    assert along @ (_prior() - without) @ along == pytest.approx(SETTINGS.eyes_sd**2)
+
+
 def test_information_adds_up_to_least_squares() -> None:
     """A measurement of every coordinate, linearised anywhere, is weighed against the prior."""
     posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)

@@ -144,18 +144,18 @@ def linearize_landmarks(
 
 
 @numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def temper(M: Any, g: Any, d2: float, precision: Any) -> float:
+def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
     """Give a landmark a systematic error of its own, and marginalise it: changes M and g, returns the new d2.
 
-    precision (4,): inverse variances of the landmark's misplacement in [u, v, tilt, pan]. With A = (M + diag(precision))^-1
-    the landmark's quadratic form becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
+    variance (4,): of the misplacement in [u, v, tilt, pan]. With P = diag(1 / variance) and A = (M + P)^-1 the
+    landmark's quadratic form becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
     """
-    # Cholesky factor L of M + diag(precision), then X = L^-1 [M, g], so that M A M = X^T X.
+    # Cholesky factor L of M + P, then X = L^-1 [M, g], so that M A M = X^T X.
     L = np.zeros((4, 4))
     X = np.zeros((4, 5))
     for i in range(4):
         for j in range(i + 1):
-            s = M[i, j] + (precision[i] if i == j else 0.0)
+            s = M[i, j] + (1.0 / variance[i] if i == j else 0.0)
             for k in range(j):
                 s -= L[i, k] * L[j, k]
             L[i, j] = np.sqrt(max(s, 1e-12)) if i == j else s / L[j, j]
@@ -279,7 +279,7 @@ def evaluate(
     `linearize_landmarks`), B (n, 4, 12) = [u, v, tilt, pan] by pose step, and the weight w in the solution.
     """
     neutral, units = person
-    coefficients, delta, U, gain, inverse_floor, limit, precision = appearance
+    coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
     camera, linear, offset, ray = view
     q, J = project(neutral, units, R, t, a, camera, linear, offset)
     # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
@@ -295,7 +295,7 @@ def evaluate(
         w[i] = 0.0
         if active[i] <= 0.0:
             continue
-        d2[i] = temper(M[i], g[i], d2[i], precision[i])
+        d2[i] = temper(M[i], g[i], d2[i], variance[i])
         # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
         ratio = scale[i] / (scale[i] + d2[i])
         energy += active[i] * d2[i] * ratio

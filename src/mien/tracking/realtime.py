@@ -24,7 +24,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
-from mien.tracking.uncertainty import confidence, state_covariance
+from mien.tracking.uncertainty import confidence, familiarity, state_covariance
 from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
@@ -81,8 +81,9 @@ class Solution:
 
     def displacements(self) -> Array:
         """Where each landmark alone would be, from where the pose puts it: (n, 2) pixels of the crop."""
-        information = self.M[:, :2, :2] + 1e-6 * np.eye(2)
-        return np.asarray(-np.linalg.solve(information, self.g[:, :2, None])[:, :, 0])
+        a, b, c = self.M[:, 0, 0] + 1e-6, self.M[:, 0, 1], self.M[:, 1, 1] + 1e-6
+        gu, gv = self.g[:, 0], self.g[:, 1]
+        return np.asarray(np.stack([b * gv - c * gu, b * gu - a * gv], axis=1) / (a * c - b * b)[:, None])
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,8 @@ class RealtimeTracker:
         sd[6 + _JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
-        self.displacement = np.zeros(n)  # mean square, pixels of the crop squared, in u and in v
-        self.precision = self._precision()
+        angle = np.radians(s.appearance_angle_sd_deg)
+        self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
         self.velocity = np.zeros(12)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
@@ -160,7 +161,8 @@ class RealtimeTracker:
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
-        if solution.misfit(self.expected) < s.retry_distance:
+        familiar = familiarity(solution.d2[solution.facing], self.pose.R, self.first_rotation) > 0.5
+        if familiar and solution.misfit(self.expected) < s.retry_distance:
             self._learn(solution)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
@@ -263,7 +265,7 @@ class RealtimeTracker:
             root=view.level.descriptor.root,
             person=(self.neutral, self.units),
             appearance=(appearance.coefficients, self.adapted, appearance.U, appearance.gain,
-                        appearance.inverse_floor, appearance.limit, self.precision),
+                        appearance.inverse_floor, appearance.limit, self.variance),
             active=view.facing.astype(np.float64),
             scale=self.tolerance * self.expected,
             prior=(predicted.R, predicted.t, predicted.animation, self.information, self.fit.animation,
@@ -301,15 +303,7 @@ class RealtimeTracker:
         s = self.settings
         found = solution.facing & (solution.w > 1e-3)
         squared = np.square(np.clip(solution.displacements(), -_FAR, _FAR)).mean(axis=1)
-        self.displacement[found] += s.location_rate * (squared - self.displacement)[found]
-        self.precision = self._precision()
-
-    def _precision(self) -> Array:
-        """Inverse variances (n, 4) of the systematic error of each landmark in [u, v, tilt, pan]; see `kernels.temper`."""
-        s = self.settings
-        location = s.location_sd**2 + self.displacement
-        angle = np.full(len(location), np.radians(s.appearance_angle_sd_deg) ** 2)
-        return 1 / np.stack([location, location, angle, angle], axis=1)
+        self.variance[:, :2] += (s.location_rate * found * (s.location_sd**2 + squared - self.variance[:, 0]))[:, None]
 
     def _posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""

@@ -14,16 +14,14 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.466
+NOISE_SCALE = 0.362
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0213
+TURN_SD = 0.0157
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-ROTATION_SD = 0.0068
-"""The same by the whole angle (radians) from the first frame: axes that are not quite the head's."""
-MISFIT_DISTANCE = 18.8
+MISFIT_DISTANCE = 9.7
 """Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
-_CONFIDENCE = (-18.73, -2.342, 12.03)
-_STRANGER = (45.0, 24.0, 2.5)
+_CONFIDENCE = (-13.67, -1.568, 7.975)
+_STRANGER = (42.0, 18.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
@@ -40,8 +38,7 @@ def state_covariance(H: Array, d2: Array, R: Array, R_first: Array) -> Array:
 def systematic_variance(R: Array, R_first: Array) -> float:
     """Variance (radians squared) about each axis that comes from the model and not from the frame."""
     sine_squared = max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
-    angle = _angle(0.5 * (float((R * R_first).sum()) - 1))
-    return TURN_SD**2 * sine_squared + (ROTATION_SD * angle) ** 2
+    return TURN_SD**2 * sine_squared
 
 
 def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
@@ -55,14 +52,18 @@ def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Arr
         return 0.0
     bias, by_spread, by_seen = _CONFIDENCE
     right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))) + by_seen * seen)
-    turn = _angle(float(R[:, 2] @ R_first[:, 2]))
+    return right * familiarity(d2, R, R_first)
+
+
+def familiarity(d2: Array, R: Array, R_first: Array) -> float:
+    """Probability that this is the face of the first frame, from the squared distances d2 (n,) of the landmarks that
+    face the camera."""
+    if not len(d2):
+        return 0.0
     stranger, by_turn, width = _STRANGER
+    turn = math.acos(min(max(float(R[:, 2] @ R_first[:, 2]), -1.0), 1.0))
     best_quarter = float(np.sort(d2)[len(d2) // 4])
-    return right * _logistic((stranger + by_turn * turn - best_quarter) / width)
-
-
-def _angle(cosine: float) -> float:
-    return math.acos(min(max(cosine, -1.0), 1.0))
+    return _logistic((stranger + by_turn * turn - best_quarter) / width)
 
 
 def _logistic(x: float) -> float:
