@@ -237,15 +237,18 @@ def rotation_vector(R: Any) -> Any:
 def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
     """The prior's part of Eq. (9): returns its energy, and begins H (12, 12) and G (12,) with its derivatives."""
     R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
-    H[:] = information
+    turn = rotation_vector(transposed_product(R.T, R_prior.T))
     step = np.empty(STATE)
-    step[:3] = rotation_vector(transposed_product(R.T, R_prior.T))
-    step[3:6] = t - t_prior
-    step[6:] = a - a_prior
+    for k in range(3):
+        step[k] = turn[k]
+        step[3 + k] = t[k] - t_prior[k]
+    for k in range(6):
+        step[6 + k] = a[k] - a_prior[k]
     energy = 0.0
     for r in range(STATE):
         G[r] = 0.0
-        for c in range(STATE):
+        for c in range(STATE):  # entry by entry: an assignment of whole arrays takes seconds to compile
+            H[r, c] = information[r, c]
             G[r] += information[r, c] * step[c]
         energy += G[r] * step[r]
     for k in range(6):
@@ -284,8 +287,8 @@ def evaluate(
     q, J = project(neutral, units, R, t, a, camera, linear, offset)
     # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
     V = transposed_product(ray, R)
-    V[:, 1] *= -1
-    V[:, 2] *= -1
+    for r in range(3):
+        V[r, 1], V[r, 2] = -V[r, 1], -V[r, 2]
     tilt, pan, J_angles = view_angles(V)
     J_angles = transposed_product(J_angles.T, ray.T)
     terms = polynomial(tilt, pan, limit)
@@ -300,9 +303,11 @@ def evaluate(
         ratio = scale[i] / (scale[i] + d2[i])
         energy += active[i] * d2[i] * ratio
         w[i] = active[i] * ratio * ratio
-        B[i] = 0.0
-        B[i, :2] = J[i]
-        B[i, 2:, :3] = J_angles
+        for k in range(2):
+            for r in range(STATE):
+                B[i, k, r] = J[i, k, r]
+            for r in range(3):
+                B[i, 2 + k, r] = J_angles[k, r]
         add_landmark(M[i], g[i], B[i], w[i], H, G)
     for r in range(STATE):
         for c in range(r):
