@@ -69,6 +69,7 @@ class RealtimeSettings(Settings):
     nose_tolerance: float = Field(1.4, gt=0, description="the same for the nose, which no expression moves")
     expected_distance: float = Field(25.0, gt=0, description="squared distance of a landmark, until measured")
     expectation_rate: float = Field(0.02, ge=0, lt=1, description="how fast the expected distance follows, by frame")
+    least_distance: float = Field(6.0, gt=0, description="below which the expected distance does not sink")
     retry_distance: float = Field(2.5, gt=0, description="distance over the expected one that asks for a coarse search")
     seen_distance: float = Field(110.0, gt=0, description="squared distance of a landmark that can still be the face's")
     least_share: float = Field(0.25, ge=0, le=1, description="share of such landmarks below which the face is lost")

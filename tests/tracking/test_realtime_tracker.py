@@ -57,6 +57,16 @@ def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
     assert variance.min() >= 0.9 * tracker.settings.location_sd**2
 
 
+def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
+    """The same frame, over and over, fits ever better; the scale of the robust weights stays above its floor."""
+    tracker = RealtimeTracker(RealtimeSettings(expectation_rate=0.3))
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    for _ in range(20):
+        tracker.track(frame)
+    assert tracker.expected.min() == tracker.settings.least_distance
+
+
 def test_displacements_solve_each_landmark_alone() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)

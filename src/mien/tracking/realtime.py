@@ -279,6 +279,8 @@ class RealtimeTracker:
         w, facing = solution.w, solution.facing
         trusted = facing & (w > 0.25)
         self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
+        # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
+        np.maximum(self.expected, s.least_distance, out=self.expected)
         self._weigh(solution)
         tilt, pan, _ = kernels.view_angles(ray_rotation(R @ CENTRE + t).T @ R @ FACING)
         if s.forgetting:
