@@ -125,6 +125,8 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
     "shape not learned": _set(learn_shape=False),
     "expressive frames teach the shape too": _set(expression_sd=1e6),
+    "eyes at the depth of the rest": _set(eyes_sd=0),
+    "landmarks weigh alike wherever they are found": _set(location_rate=0),
     "detector's depths ignored": WithoutDepths,
     "no robust weights": _set(robust_factor=1e9),
     "no visibility by normals": _set(hidden_cosine=-1),

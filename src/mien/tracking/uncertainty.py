@@ -14,7 +14,7 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.362
+NOISE_SCALE = 0.354
 """Factor of the standard deviations from the Gauss-Newton matrix."""
 TURN_SD = 0.0157
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
