@@ -1,0 +1,110 @@
+"""Puts spectacles on the rendered heads, whose exact pose is known, and writes them as another data set.
+
+`python benchmarks/spectacles.py PATH OUT`, with PATH the folder of the rendered sequences; then
+`mien evaluate rendered OUT --trackers realtime,mediapipe -o results`. Dark rims stand before the eyes, temples reach to
+the ears, and a reflection moves in each lens as the head turns. The occluded sequences are left out: their object would
+pass behind the rims.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mien.evaluation.datasets.rendered import CAMERA
+from mien.geometry.rotation import FACING, Array
+from mien.video import Pixels, open_video
+
+RIM_COLOUR = (30, 25, 25)
+RIM_WIDTH = 0.22
+"""Width of the rims in units of the truth, about centimetres."""
+LENS_SHADE, REFLECTION = 0.12, 35.0
+SUPERSAMPLING = 4
+_RIGHT_EYE, _LEFT_EYE, _RIGHT_EAR, _LEFT_EAR, _BRIDGE = slice(36, 42), slice(42, 48), 0, 16, 27
+
+
+def triangulated(points: Array, R: Array, t: Array) -> Array:
+    """Points (k, 3) of the head from their images (n, k, 2) in n poses R (n, 3, 3), t (n, 3), by least squares."""
+    ray = (points - [CAMERA.cx, CAMERA.cy]) / CAMERA.focal_px
+    rows = R[:, None, :2] - ray[:, :, :, None] * R[:, None, 2:]
+    right = ray * t[:, None, 2:] - t[:, None, :2]
+    return np.stack(
+        [np.linalg.lstsq(rows[:, k].reshape(-1, 3), right[:, k].ravel(), rcond=None)[0] for k in range(points.shape[1])]
+    )
+
+
+def spectacles(head: Array) -> tuple[list[Array], list[Array]]:
+    """Closed rims (48, 3) and temples (2, 3) for the 68 points (68, 3) of a head, the right one first."""
+    eyes = [head[_RIGHT_EYE].mean(axis=0), head[_LEFT_EYE].mean(axis=0)]
+    between = float(np.linalg.norm(eyes[1] - eyes[0]))
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    across, up = (np.sign(x) * np.abs(x) ** 0.7 for x in (np.cos(angle), np.sin(angle)))
+    rims, temples = [], []
+    for eye, ear in zip(eyes, (head[_RIGHT_EAR], head[_LEFT_EAR]), strict=True):
+        x = eye[0] + 0.4 * between * across
+        z = head[_BRIDGE, 2] + 0.25 - 0.12 * np.abs(x - head[_BRIDGE, 0])
+        rims.append(np.stack([x, eye[1] + between * (0.33 * up - 0.06), z], axis=1))
+        hinge = rims[-1][np.argmax(np.abs(x - head[_BRIDGE, 0]))] + [0, 0.25, 0]
+        temples.append(np.stack([hinge, ear + np.array([0, 0.8, -1.0])]))
+    return rims, temples
+
+
+def worn(pixels: Pixels, rims: list[Array], temples: list[Array], R: Array, t: Array) -> Pixels:
+    """The image with spectacles on the head at R (3, 3), t (3,)."""
+    s = SUPERSAMPLING
+    height, width = pixels.shape[:2]
+    image = cv2.resize(pixels, None, fx=s, fy=s, interpolation=cv2.INTER_CUBIC).astype(np.float32)
+    lines = np.zeros(image.shape[:2], np.float32)
+    thick = max(1, round(RIM_WIDTH * CAMERA.focal_px / t[2] * s))
+
+    def drawn(points: Array) -> Array:
+        p = CAMERA.project(points @ R.T + t)[0]
+        return np.asarray(((p + 0.5) * s - 0.5).round(), dtype=np.int32)
+
+    for rim, temple, outwards in zip(rims, temples, (-1.0, 1.0), strict=True):
+        p = drawn(rim)
+        lens, spot = np.zeros_like(lines), np.zeros_like(lines)
+        cv2.fillPoly(lens, [p], 1.0, cv2.LINE_AA)
+        place = p.mean(axis=0) - s * (30 * R[:2, 2] + [4, 3])
+        cv2.ellipse(spot, (int(place[0]), int(place[1])), (5 * s, 3 * s), -30, 0, 360, 1.0, -1, cv2.LINE_AA)
+        image += (REFLECTION * lens * cv2.GaussianBlur(spot, (0, 0), s) - LENS_SHADE * 128 * lens)[:, :, None]
+        cv2.polylines(lines, [p], True, 1.0, thick, cv2.LINE_AA)
+        if (temple[0] @ R.T + t) @ R[:, 0] * outwards < 0:  # its side of the head faces the camera
+            cv2.polylines(lines, [drawn(temple)], False, 1.0, thick, cv2.LINE_AA)
+    inner = [rim[np.argmin(np.abs(rim[:, 0]))] + [0, 0.3, 0] for rim in rims]
+    cv2.polylines(lines, [drawn(np.array(inner))], False, 1.0, thick, cv2.LINE_AA)
+    image += lines[:, :, None] * (np.array(RIM_COLOUR, np.float32) - image)
+    small = cv2.resize(np.clip(image, 0, 255), (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small.round(), dtype=np.uint8)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    parser.add_argument("out", type=Path)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for truth in sorted(arguments.path.glob("*_truth.npz")):
+        name = truth.name.removesuffix("_truth.npz")
+        if "occluded" in name:
+            continue
+        values = np.load(truth)
+        R, t = FACING @ values["R"], values["t"]
+        rims, temples = spectacles(triangulated(values["landmarks68"].astype(float), R, t))
+        frames = list(open_video(arguments.path / f"{name}.avi"))
+        size = (frames[0].width, frames[0].height)
+        codec = cv2.VideoWriter.fourcc(*"FFV1")  # lossless
+        writer = cv2.VideoWriter(str(arguments.out / f"{name}.avi"), codec, 30, size)
+        for frame, R_frame, t_frame in zip(frames, R, t, strict=True):
+            writer.write(worn(frame.pixels, rims, temples, R_frame, t_frame)[:, :, ::-1])
+        writer.release()
+        shutil.copy(truth, arguments.out)
+        print(arguments.out / f"{name}.avi", flush=True)
+
+
+if __name__ == "__main__":
+    main()
