@@ -48,8 +48,6 @@ def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Arr
     A logistic regression, fitted to measured errors, on the spread of the rotation and on what is seen, times the
     probability that this is the face of the first frame at all.
     """
-    if not len(d2):
-        return 0.0
     bias, by_spread, by_seen = _CONFIDENCE
     right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))) + by_seen * seen)
     return right * familiarity(d2, R, R_first)
