@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 
@@ -48,8 +49,7 @@ def crop_of_face(
 
 def roll_of(R: Array) -> float:
     """Roll in radians of `R = rotation(tilt, pan, roll)`, the turn in the image plane. (3, 3) -> radians."""
-    M = R @ FACING
-    return float(np.arctan2(-M[0, 1], M[1, 1]))
+    return math.atan2(R[0, 1], -R[1, 1])
 
 
 def tilt_pan_of(R: Array) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from mien.appearance.crop import Crop, Float32, blurred
+from mien.appearance.crop import Crop, blurred
 from mien.appearance.descriptors import describe, orientation_maps
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import render, vertex_normals
@@ -38,17 +38,15 @@ class Level:
         """The crop of a frame that holds a face at a pose, upright for the face."""
         return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
 
-    def maps(self, frame: Frame, crop: Crop) -> Float32:
-        """Orientation maps of a frame's crop."""
-        return orientation_maps(crop.sample(frame.pixels, self.descriptor.blur), self.descriptor.cell)
-
 
 @dataclass(frozen=True)
 class LearnedFace:
-    """What training gives: neutral landmarks (n, 3) and their normals (n, 3) in head axes, coarse and fine levels."""
+    """What training gives: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
+    relative to it, in head axes; coarse and fine levels."""
 
     neutral: Array
     normals: Array
+    patches: Array
     coarse: Level
     fine: Level
 
@@ -63,7 +61,8 @@ def learn_face(
     posed = _PosedFace(frame, surface, (points - fit.t) @ fit.R, normals, fit, camera)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
-    return LearnedFace(neutral, normals, coarse, fine)
+    patches = (_patches_on(surface, points, fit, camera, settings) - points[:, None]) @ fit.R
+    return LearnedFace(neutral, normals, np.ascontiguousarray(patches), coarse, fine)
 
 
 @dataclass(frozen=True)
@@ -103,6 +102,17 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
     appearance = PoseRegression.learn(np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank)
     return Level(d, size, appearance)
+
+
+def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:
+    """Grids (n, m, 3) of the surface around points (n, 3), camera axes, even in the first frame's image."""
+    side = np.linspace(-1, 1, settings.motion_grid) * settings.motion_patch * camera.focal_px / fit.t[2]
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    pixels = camera.project(points)[0][:, None] + grid
+    grids = np.ones((*pixels.shape[:2], 3))
+    grids[..., :2] = (pixels - [camera.cx, camera.cy]) / camera.focal_px
+    grids *= points[:, None, 2:]
+    return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)
 
 
 def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> Array:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from mien.appearance.crop import Crop
-from mien.appearance.descriptors import Float32
-from mien.appearance.views import CENTRE
-from mien.candide.model import TRACKED_UNITS, Candide
+from mien.appearance.descriptors import Float32, orientation_maps
+from mien.appearance.views import CENTRE, roll_of
+from mien.candide.model import Candide
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, log, ray_rotation
@@ -19,6 +20,7 @@ from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.learning import Level, facing_cosine, learn_face
+from mien.tracking.motion import JAW_DROP, Motion
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
@@ -31,7 +33,6 @@ _LEAST_LANDMARKS = 6
 _JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
 _EYES = np.array(["eye" in name or "brow" in name for name in LANDMARK_NAMES])
-_JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
@@ -49,6 +50,11 @@ class Pose:
     def moved(self, step: Array) -> Pose:
         """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
         return Pose(exp(step[:3]) @ self.R, self.t + step[3:6], self.animation + step[6:])
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """R, t and animation as the kernels take them."""
+        return np.ascontiguousarray(self.R), self.t, self.animation
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose."""
@@ -70,6 +76,11 @@ class Solution:
     w: Array
     facing: Mask  # landmarks that face the camera, inside the image
 
+    @cached_property
+    def spread(self) -> Array:
+        """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
+        return np.linalg.inv(self.H)
+
     def misfit(self, expected: Array) -> float:
         """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
         ratio = np.sort((self.d2 / expected)[self.facing])
@@ -87,14 +98,29 @@ class Solution:
 
 
 @dataclass(frozen=True)
+class Prediction:
+    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it."""
+
+    pose: Pose
+    information: Array
+
+
+@dataclass(frozen=True)
 class View:
-    """A frame prepared for `kernels.solve`: orientation maps of the crop, its geometry, landmarks that can be seen."""
+    """A frame prepared for `kernels.solve`: the grey image of the crop for a pose, its geometry, landmarks that can
+    be seen."""
 
     level: Level
+    pose: Pose
     crop: Crop
-    maps: Float32
+    image: Float32
     geometry: tuple[Array, ...]
     facing: Mask
+
+    @cached_property
+    def maps(self) -> Float32:
+        """Orientation maps of the crop."""
+        return orientation_maps(self.image, self.level.descriptor.cell)
 
 
 class RealtimeTracker:
@@ -125,12 +151,13 @@ class RealtimeTracker:
         self.tolerance[_JAW] *= s.jaw_tolerance
         self.tolerance[_NOSE] *= s.nose_tolerance
         sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
-        sd[6 + _JAW_DROP] = s.prior_jaw
+        sd[6 + JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
         angle = np.radians(s.appearance_angle_sd_deg)
         self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
         self.velocity = np.zeros(12)
+        self.motion = Motion(self.face.patches, s)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = 0
@@ -142,20 +169,22 @@ class RealtimeTracker:
         """Move the first pose from where the landmarks put it to where the learned appearance finds it: every later
         rotation is measured from it."""
         for _ in range(3):
-            _, solution = self._fine(frame, self.pose, self.pose)
+            view, solution = self._fine(frame, self._stay())
             self.pose = solution.pose
+        self._remember(view, solution)
         return solution
 
     def track(self, frame: Frame) -> Estimate:
         """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for."""
         s = self.settings
-        solution, status = self._search(frame), Status.TRACKED
+        view, solution = self._search(frame)
+        status = Status.TRACKED
         if solution.share(s.seen_distance) < s.least_share:
             search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
             found = self._recover(frame) if search else None
             if found is None:
                 return self._lose(frame, solution)
-            solution = found
+            view, solution = found
         if self.lost_frames:
             status = Status.RECOVERED
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
@@ -166,6 +195,7 @@ class RealtimeTracker:
             self._learn(solution)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
+        self._remember(view, solution)
         return self._estimate(frame, status, solution)
 
     def _lose(self, frame: Frame, solution: Solution) -> Estimate:
@@ -176,17 +206,17 @@ class RealtimeTracker:
         reason = "the face left the image" if outside else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
-    def _recover(self, frame: Frame) -> Solution | None:
+    def _recover(self, frame: Frame) -> tuple[View, Solution] | None:
         """The face at a pose that the keyframes or the detector propose, if it is the one of the first frame."""
         s = self.settings
         for placed in self._proposals(frame):
             if placed is None:
                 continue
             start = Pose(*placed, self.fit.animation)
-            coarse = self._solve(self._look(self.face.coarse, frame, start), start, start)
-            _, solution = self._fine(frame, coarse.pose, coarse.pose)
+            coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
+            view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
             if solution.share(s.seen_distance) >= s.recovered_share:
-                return solution
+                return view, solution
         return None
 
     def mesh(self, estimate: Estimate) -> Array | None:
@@ -199,44 +229,74 @@ class RealtimeTracker:
         yield self.keyframes.find(frame, float(self.pose.t[2]))
         yield find_by_detector(frame, self.fit, self.camera)
 
-    def _search(self, frame: Frame) -> Solution:
+    def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""
         s = self.settings
-        predicted = self.pose.moved(s.velocity * self.velocity)
-        view, best = self._fine(frame, predicted, predicted)
+        predicted = Prediction(self.pose.moved(s.velocity * self.velocity), self.information)
+        view = self._look(self.face.fine, frame, predicted.pose)
+        moved = predicted if self.lost_frames else self._move(view, predicted)
+        view, best = self._fine(frame, moved, view=view)
         if best.misfit(self.expected) > s.retry_distance:
-            for start in (predicted, self.pose):
+            if moved is not predicted:
+                view, best = self._fine(frame, predicted)
+            for start in (predicted.pose, self.pose):
                 coarse = self._solve(self._look(self.face.coarse, frame, start), start, predicted)
-                again, fine = self._fine(frame, coarse.pose, predicted)
+                again, fine = self._fine(frame, predicted, coarse.pose)
                 if fine.energy < best.energy:
-                    best, view = fine, again
-        return self._open_mouth(view, best, predicted)
+                    view, best = again, fine
+            moved = predicted
+        return view, self._open_mouth(view, best, moved)
 
-    def _open_mouth(self, view: View, best: Solution, predicted: Pose) -> Solution:
+    def _move(self, view: View, predicted: Prediction) -> Prediction:
+        """The prediction after the motion that the pixels show since the last frame."""
+        person = (self.neutral, self.units)
+        arrays, covariance = self.motion.measure(view.image, person, self._prior(predicted), view.geometry)
+        pose = Pose(*arrays)
+        drift = self.motion.drift(self.pose.step_to(pose))
+        return Prediction(pose, np.linalg.inv(self.spread + covariance + np.diag(drift)))
+
+    def _remember(self, view: View, solution: Solution) -> None:
+        """Keep what the next frame's motion is measured from."""
+        self.spread = solution.spread
+        seen = solution.facing * np.minimum(4 * solution.w, 1)
+        self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
+
+    def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw moves further in a frame than its patches reach: where they do not fit, try it elsewhere."""
         s = self.settings
         if (best.d2 / self.expected)[_JAW].mean() < s.jaw_retry_distance:
             return best
         for jaw in _JAW_STARTS:
-            if abs(jaw - best.pose.animation[_JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
+            if abs(jaw - best.pose.animation[JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
                 animation = best.pose.animation.copy()
-                animation[_JAW_DROP] = jaw
+                animation[JAW_DROP] = jaw
                 candidate = self._solve(view, replace(best.pose, animation=animation), predicted)
                 best = min(best, candidate, key=lambda solution: solution.energy)
         return best
 
-    def _fine(self, frame: Frame, start: Pose, predicted: Pose) -> tuple[View, Solution]:
-        """The best solution near a pose at full resolution. A crop whose roll or size was not the face's changes the
-        descriptors and so the pose: where it was off, look again from where the face turned out to be."""
-        s = self.settings
-        view = self._look(self.face.fine, frame, start)
+    def _stay(self) -> Prediction:
+        """The prediction that nothing moves."""
+        return Prediction(self.pose, self.information)
+
+    def _fine(
+        self, frame: Frame, predicted: Prediction, start: Pose | None = None, view: View | None = None
+    ) -> tuple[View, Solution]:
+        """The best solution near a pose (the predicted one) at full resolution. A crop whose roll or size is not the
+        face's changes the descriptors and so the pose: where a view is off, look again from where the face is."""
+        start = start or predicted.pose
+        if view is None or not self._is_upright(view, start):
+            view = self._look(self.face.fine, frame, start)
         solution = self._solve(view, start, predicted)
-        crop = view.level.crop(solution.pose.R, solution.pose.t, self.camera)
-        rolled = np.degrees(abs(math.remainder(crop.angle - view.crop.angle, math.tau)))
-        if rolled > s.crop_roll_deg or abs(crop.scale / view.crop.scale - 1) > s.crop_scale:
+        if not self._is_upright(view, solution.pose):
             view = self._look(self.face.fine, frame, solution.pose)
             solution = self._solve(view, solution.pose, predicted)
         return view, solution
+
+    def _is_upright(self, view: View, pose: Pose) -> bool:
+        """Whether the face at a pose has the roll and the size for which the view's crop was made."""
+        s = self.settings
+        rolled = math.degrees(abs(math.remainder(roll_of(pose.R) - view.crop.angle, math.tau)))
+        return bool(rolled <= s.crop_roll_deg and abs(pose.t[2] / view.pose.t[2] - 1) <= s.crop_scale)
 
     def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
@@ -246,17 +306,21 @@ class RealtimeTracker:
         inside = self.camera.in_image(X, frame.width, frame.height)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
-        return View(level, crop, level.maps(frame, crop), geometry, facing & inside)
+        return View(level, pose, crop, crop.sample(frame.pixels, level.descriptor.blur), geometry, facing & inside)
 
-    def _solve(self, view: View, start: Pose, predicted: Pose) -> Solution:
+    def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""
         s = self.settings
         R, t, a, energy, H, y, M, g, d2, B, w, _ = self._posterior(view, predicted).solve(
-            start.R, start.t, start.animation, s.iterations, s.tolerance
+            *start.arrays, s.iterations, s.tolerance
         )
         return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, view.facing)
 
-    def _posterior(self, view: View, predicted: Pose) -> PosePosterior:
+    def _prior(self, predicted: Prediction) -> tuple[Array, ...]:
+        """The prior as the kernels take it: about a prediction, and of the animation about its rest."""
+        return (*predicted.pose.arrays, predicted.information, self.fit.animation, self.rest_information)
+
+    def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
         appearance = view.level.appearance
         return PosePosterior(
@@ -268,8 +332,7 @@ class RealtimeTracker:
                         appearance.inverse_floor, appearance.limit, self.variance),
             active=view.facing.astype(np.float64),
             scale=self.tolerance * self.expected,
-            prior=(predicted.R, predicted.t, predicted.animation, self.information, self.fit.animation,
-                   self.rest_information),
+            prior=self._prior(predicted),
             view=view.geometry,
         )  # fmt: skip
 
@@ -317,7 +380,7 @@ class RealtimeTracker:
         seen = solution.facing & (solution.d2 <= self.settings.seen_distance)
         distance = np.sqrt(solution.d2)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
-        covariance = state_covariance(solution.H, solution.d2[seen], self.pose.R, self.first_rotation)
+        covariance = state_covariance(solution.spread, solution.d2[seen], self.pose.R, self.first_rotation)
         sure = confidence(
             covariance, solution.d2[solution.facing], float(seen.mean()), self.pose.R, self.first_rotation
         )

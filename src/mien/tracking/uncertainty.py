@@ -14,22 +14,22 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.354
+NOISE_SCALE = 0.469
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0157
+TURN_SD = 0.0154
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-MISFIT_DISTANCE = 9.7
+MISFIT_DISTANCE = 11.1
 """Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
-_CONFIDENCE = (-13.67, -1.568, 7.975)
+_CONFIDENCE = (-10.40, -1.404, 5.72)
 _STRANGER = (42.0, 18.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
 
-def state_covariance(H: Array, d2: Array, R: Array, R_first: Array) -> Array:
-    """Covariance (12, 12) of `[w, t, a]` from H (12, 12) and the squared distances d2 (n,) of the landmarks that are
-    seen, at a rotation (3, 3), relative to the first frame's."""
-    covariance = NOISE_SCALE**2 * np.linalg.inv(H)
+def state_covariance(spread: Array, d2: Array, R: Array, R_first: Array) -> Array:
+    """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
+    d2 (n,) of the landmarks that are seen, at a rotation (3, 3), relative to the first frame's."""
+    covariance = NOISE_SCALE**2 * spread
     covariance[:3, :3] += systematic_variance(R, R_first) * np.eye(3)
     median = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
     return np.asarray((1 + median / MISFIT_DISTANCE) * covariance)

@@ -1,0 +1,231 @@
+"""Motion since the last frame, measured: direct alignment of the patches that the last frame showed.
+
+Descriptors say where the face is to a fifth of a degree, differently in every frame; the pixels themselves say to a
+fraction of that how it has moved since the last frame, but the small errors of what they say add up. Eq. (4) takes the
+state to stay where it was. Here it moves with the pixels, and Psi is the uncertainty of that motion: the descriptors
+correct the sum of the motions, and the motions take the noise out of the descriptors. Nothing is delayed, since a
+motion is measured in the frame in which it happens.
+
+After B. Lucas and T. Kanade, An iterative image registration technique, IJCAI 1981, with the warp that the pose makes
+(S. Baker and I. Matthews, Lucas-Kanade 20 years on, IJCV 56, 2004), gradients of the last frame, and the brightness
+and contrast of each patch left free.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from mien.appearance.descriptors import _FAST, Float32
+from mien.candide.model import TRACKED_UNITS
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import Array
+from mien.tracking.kernels import STATE, add_prior, rotate, solve_positive
+
+JAW_DROP = TRACKED_UNITS.index("jaw_drop")
+_LEAST_GREY = 1.0
+"""Grey values: patches that agree better than this agree by chance."""
+
+
+class Motion:
+    """The patches around the landmarks as the last frame showed them."""
+
+    def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
+        """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
+        self.settings = settings
+        self.patches = patches
+        self.weight = np.zeros(len(patches))
+
+    def remember(
+        self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
+        view: tuple[Array, ...], weight: Array,
+    ) -> None:  # fmt: skip
+        """Take the patches from a crop in which the face is at a pose (R, t, animation).
+
+        person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
+        each landmark is the face's and not something's before it.
+        """
+        self.template = _take_patches(image, person, self.patches, pose, view)
+        self.weight = weight
+
+    def measure(
+        self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]
+    ) -> tuple[tuple[Array, Array, Array], Array]:
+        """The pose (R, t, animation) at which a crop shows the patches best, and the covariance (12, 12) of a step
+        away from it, in units of the energy of Eq. (9); prior: predicted pose and information, as `kernels.solve`'s."""
+        s = self.settings
+        R, t, a, information = _align(
+            image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
+            s.motion_iterations, s.tolerance,
+        )  # fmt: skip
+        return (R, t, a), np.linalg.inv(information / s.motion_noise + prior[3])
+
+    def drift(self, step: Array) -> Array:
+        """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
+        s = self.settings
+        angle, shift = np.radians(s.motion_rotation_deg), s.motion_translation
+        floor = np.array([angle] * 3 + [shift] * 3 + [s.motion_animation] * 6)
+        floor[6 + JAW_DROP] = s.prior_jaw  # a mouth that opens shows what the last frame did not
+        length = np.concatenate([[np.linalg.norm(step[:3])] * 3, [np.linalg.norm(step[3:6])] * 3, step[6:]])
+        return np.asarray(floor**2 + (s.motion_share * length) ** 2)
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _read(image: Any, x: float, y: float) -> Any:
+    """Bilinear value at a point and its derivatives by the point; beyond the edge the edge repeats."""
+    height, width = image.shape
+    x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
+    ix, iy = int(x), int(y)
+    fx, fy = np.float32(x - ix), np.float32(y - iy)
+    a, b, c, d = image[iy, ix], image[iy, ix + 1], image[iy + 1, ix], image[iy + 1, ix + 1]
+    upper, lower = a + fx * (b - a), c + fx * (d - c)
+    return upper + fy * (lower - upper), (1 - fy) * (b - a) + fy * (d - c), lower - upper
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, view: Any, q: Any, Y: Any) -> None:
+    """Points of patch i in the crop, q (m, 2), and turned into camera axes but not moved, Y (m, 3)."""
+    neutral, units = person
+    camera, linear, offset, _ = view
+    c0, c1, c2 = neutral[i, 0], neutral[i, 1], neutral[i, 2]
+    for k in range(a.size):
+        c0 += a[k] * units[k, i, 0]
+        c1 += a[k] * units[k, i, 1]
+        c2 += a[k] * units[k, i, 2]
+    for j in range(patches.shape[1]):
+        h0, h1, h2 = c0 + patches[i, j, 0], c1 + patches[i, j, 1], c2 + patches[i, j, 2]
+        for r in range(3):
+            Y[j, r] = R[r, 0] * h0 + R[r, 1] * h1 + R[r, 2] * h2
+        scale = camera[0] / max(Y[j, 2] + t[2], 0.1)
+        u, v = scale * (Y[j, 0] + t[0]) + camera[1], scale * (Y[j, 1] + t[1]) + camera[2]
+        q[j, 0] = linear[0, 0] * u + linear[0, 1] * v + offset[0]
+        q[j, 1] = linear[1, 0] * u + linear[1, 1] * v + offset[1]
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _steepest(gu: float, gv: float, units: Any, R: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
+    """Derivative (12,) by pose step of a value whose gradient by crop pixel is (gu, gv), at a point R h = Y (3,)."""
+    camera, linear = view[0], view[1]
+    depth = max(Y[2] + t[2], 0.1)
+    x = (linear[0, 0] * gu + linear[1, 0] * gv) * camera[0] / depth
+    y = (linear[0, 1] * gu + linear[1, 1] * gv) * camera[0] / depth
+    z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) / depth
+    row[0], row[1], row[2] = Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x
+    row[3], row[4], row[5] = x, y, z
+    hx = x * R[0, 0] + y * R[1, 0] + z * R[2, 0]
+    hy = x * R[0, 1] + y * R[1, 1] + z * R[2, 1]
+    hz = x * R[0, 2] + y * R[1, 2] + z * R[2, 2]
+    for k in range(units.shape[0]):
+        row[6 + k] = hx * units[k, 0] + hy * units[k, 1] + hz * units[k, 2]
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
+    """Values (n, m) less their mean, their norms (n,), their derivatives (n, 12, m) by pose step less the mean, and
+    the sums (n, 12, 12) of the products of those."""
+    R, t, a = pose
+    units = person[1]
+    n, m = patches.shape[0], patches.shape[1]
+    values, norms = np.empty((n, m), np.float32), np.empty(n)
+    J, JJ = np.empty((n, STATE, m), np.float32), np.empty((n, STATE, STATE))
+    q, Y, row = np.empty((m, 2)), np.empty((m, 3)), np.empty(STATE)
+    for i in range(n):
+        _place_patch(i, person, patches, R, t, a, view, q, Y)
+        for j in range(m):
+            values[i, j], gu, gv = _read(image, q[j, 0], q[j, 1])
+            _steepest(gu, gv, units[:, i], R, t, Y[j], view, row)
+            for k in range(STATE):
+                J[i, k, j] = row[k]
+        norms[i] = np.sqrt(_center(values[i]))
+        for k in range(STATE):
+            _center(J[i, k])
+            for r in range(k + 1):
+                s = np.float32(0.0)
+                for j in range(m):
+                    s += J[i, k, j] * J[i, r, j]
+                JJ[i, k, r] = s
+                JJ[i, r, k] = s
+    return values, norms, J, JJ
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _center(x: Any) -> Any:
+    """Take its mean off an array (m,); returns the sum of squares of what is left."""
+    mean, squared = np.float32(0.0), np.float32(0.0)
+    for j in range(x.size):
+        mean += x[j]
+    mean /= x.size
+    for j in range(x.size):
+        x[j] -= mean
+        squared += x[j] * x[j]
+    return squared
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _compare(image: Any, q: Any, values: Any, norm: float, residual: Any) -> Any:
+    """Residual (m,) of a patch at points q (m, 2), its brightness and contrast made the last frame's; its mean
+    square."""
+    for j in range(values.size):
+        residual[j] = _read(image, q[j, 0], q[j, 1])[0]
+    contrast = np.float32(min(max(norm / np.sqrt(_center(residual) + 1e-9), 0.5), 2.0))
+    squared = np.float32(0.0)
+    for j in range(values.size):
+        residual[j] = contrast * residual[j] - values[j]
+        squared += residual[j] * residual[j]
+    return squared / values.size
+
+
+@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+def _align(
+    image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
+    iterations: int, tolerance: float,
+) -> Any:  # fmt: skip
+    """Gauss-Newton from the prior's pose, with the derivatives of the last frame: returns R, t, a and the information
+    (12, 12) of the pixels, taken as independent; stops where a step promises a gain below `tolerance`. A patch loses
+    its weight (Geman and McClure) where its residual exceeds `robust` times what is usual in this frame."""
+    values, norms, J, JJ = template
+    n, m = values.shape
+    R, t, a = prior[0], prior[1], prior[2]
+    q, Y, residual = np.empty((m, 2)), np.empty((m, 3)), np.empty((n, m), np.float32)
+    off = np.zeros(n)
+    H, G, D = np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE, STATE))
+    usual = np.inf
+    for _ in range(iterations):
+        total, squared = 1e-9, 0.0
+        for i in range(n):
+            if active[i] > 0.0:
+                _place_patch(i, person, patches, R, t, a, view, q, Y)
+                off[i] = _compare(image, q, values[i], norms[i], residual[i])
+                ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
+                total += active[i] * ratio * ratio
+                squared += active[i] * ratio * ratio * off[i]
+        usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
+        add_prior(R, t, a, prior, H, G)
+        for r in range(STATE):
+            for c in range(STATE):
+                D[r, c] = 0.0
+        for i in range(n):
+            if active[i] <= 0.0:
+                continue
+            ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
+            w = active[i] * ratio * ratio / usual
+            for r in range(STATE):
+                s = np.float32(0.0)
+                for j in range(m):
+                    s += J[i, r, j] * residual[i, j]
+                G[r] += w * s
+                for c in range(STATE):
+                    D[r, c] += w * JJ[i, r, c]
+        for r in range(STATE):
+            for c in range(STATE):
+                H[r, c] += D[r, c]
+        step = solve_positive(H, G)
+        R, t, a = rotate(-step[:3], R), t - step[3:6], a - step[6:]
+        gain = 0.0
+        for k in range(STATE):
+            gain += step[k] * G[k]
+        if gain < tolerance:
+            break
+    return R, t, a, D

@@ -1,0 +1,139 @@
+"""Motion measured from frame to frame: on a rendered face that moves by known steps, and in its parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mien.appearance.views import rotation
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import Array, angle_between, exp
+from mien.synthetic import SyntheticSequence, make_sequence, moved
+from mien.tracking.motion import JAW_DROP, Motion, _take_patches
+from mien.tracking.realtime import Pose, Prediction, RealtimeTracker, View
+from mien.video import Frame
+from small_motion import face, run
+
+STEP_DEG, STEP = np.array([1.5, -2.0, 1.0]), np.array([0.02, -0.01, 0.0])
+
+
+@cache
+def two_frames() -> SyntheticSequence:
+    """The face as it is, and a step further."""
+    along = np.array([[0.0], [1.0]])
+    return make_sequence(face(), moved(face(), along * STEP_DEG, along * STEP, np.zeros((2, 6))))
+
+
+@pytest.fixture(scope="module")
+def tracker() -> RealtimeTracker:
+    tracker = RealtimeTracker()
+    tracker.initialize(two_frames().frames[0], face().landmarks, face().camera)
+    return tracker
+
+
+@pytest.fixture
+def next_frame() -> Frame:
+    return two_frames().frames[1]
+
+
+def _measured(tracker: RealtimeTracker, frame: Frame) -> Pose:
+    view = tracker._look(tracker.face.fine, frame, tracker.pose)
+    return tracker._move(view, tracker._stay()).pose
+
+
+def _error_deg(tracker: RealtimeTracker, found: Pose) -> float:
+    turn = two_frames().R[1] @ two_frames().R[0].T
+    return float(np.degrees(angle_between(found.R @ tracker.pose.R.T, turn)))
+
+
+def test_a_step_is_measured(tracker: RealtimeTracker, next_frame: Frame) -> None:
+    """Of 2.7 degrees, to a tenth of them."""
+    found = _measured(tracker, next_frame)
+    assert _error_deg(tracker, found) < 0.2
+    np.testing.assert_allclose(found.t - tracker.pose.t, STEP, atol=0.02)
+
+
+def test_brightness_and_contrast_do_not_matter(tracker: RealtimeTracker, next_frame: Frame) -> None:
+    found = _measured(tracker, next_frame)
+    dimmed = replace(next_frame, pixels=(0.7 * next_frame.pixels + 20).astype(np.uint8))
+    of_dimmed = _measured(tracker, dimmed)
+    assert np.degrees(angle_between(found.R, of_dimmed.R)) < 0.1
+
+
+def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_frame: Frame) -> None:
+    """A board over the mouth, which was not there before."""
+    mouth = tracker.camera.project(tracker._posed(tracker.pose))[0][-10:].mean(axis=0).astype(int)
+    pixels = next_frame.pixels.copy()
+    pixels[mouth[1] - 8 : mouth[1] + 40, mouth[0] - 40 : mouth[0] + 40] = (200, 40, 40)
+    found = _measured(tracker, replace(next_frame, pixels=pixels))
+    assert _error_deg(tracker, found) < 0.6
+
+
+def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
+    view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
+    person, prior = (tracker.neutral, tracker.units), tracker._prior(tracker._stay())
+    motion = Motion(tracker.face.patches, tracker.settings)
+    motion.remember(view.image, person, tracker.pose.arrays, view.geometry, np.zeros(len(tracker.neutral)))
+    (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
+    np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
+    np.testing.assert_allclose(t, tracker.pose.t, atol=1e-9)
+    np.testing.assert_allclose(covariance, np.linalg.inv(tracker.information))
+
+
+def test_derivatives_against_differences() -> None:
+    """On an image that bilinear interpolation reads exactly, so that its derivatives are exact too."""
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[:112, :112].astype(np.float32)
+    image = np.asarray(0.5 * u + 0.3 * v + 0.01 * u * v, np.float32)
+    person = rng.uniform(-0.3, 0.3, (3, 3)), rng.normal(0, 0.1, (6, 3, 3))
+    patches = rng.uniform(-0.1, 0.1, (3, 9, 3))
+    R, t, a = rotation(0.1, -0.2, 0.05), np.array([0.02, 0.0, 5.0]), rng.uniform(-0.2, 0.2, 6)
+    view = np.array([320.0, 0, 0]), np.array([[0.9, 0.1], [-0.1, 0.9]]), np.array([55.0, 55.0]), np.eye(3)
+
+    def values(step: Array) -> Array:
+        pose = exp(step[:3]) @ R, t + step[3:6], a + step[6:]
+        return np.asarray(_take_patches(image, person, patches, pose, view)[0], float)
+
+    _, norms, J, JJ = _take_patches(image, person, patches, (R, t, a), view)
+    np.testing.assert_allclose(norms, np.linalg.norm(values(np.zeros(12)), axis=1), rtol=1e-5)
+    np.testing.assert_allclose(JJ, np.einsum("nkm,nlm->nkl", J, J), rtol=1e-4, atol=1e-2)
+    for step in 0.01 * np.eye(12):
+        expected = (values(step) - values(-step)) / 0.02
+        np.testing.assert_allclose(np.einsum("nkm,k->nm", J, step / 0.01), expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_drift_by_hand() -> None:
+    settings = RealtimeSettings(
+        motion_rotation_deg=0.3, motion_translation=0.01, motion_animation=0.02, motion_share=0.5, prior_jaw=0.8
+    )
+    step = np.array([0.03, 0.04, 0, 0, 0, 0.2, *np.zeros(5), 0.1])
+    found = Motion(np.zeros((2, 4, 3)), settings).drift(step)
+    np.testing.assert_allclose(found[:3], np.radians(0.3) ** 2 + 0.025**2)
+    np.testing.assert_allclose(found[3:6], 0.01**2 + 0.1**2)
+    assert found[11] == pytest.approx(0.02**2 + 0.05**2)
+    assert found[6 + JAW_DROP] == pytest.approx(0.8**2)
+
+
+class _Unmoved(RealtimeTracker):
+    def _move(self, view: View, predicted: Prediction) -> Prediction:
+        return predicted
+
+
+def test_it_takes_out_noise_and_does_not_lag() -> None:
+    """A face that turns back and forth by a degree from frame to frame, with the noise of a camera."""
+    angles = np.zeros((30, 3))
+    angles[1:, 1] = np.random.default_rng(1).normal(0, 1.0, 29)
+    shaking = make_sequence(face(), moved(face(), angles, np.zeros((30, 3)), np.zeros((30, 6))), noise_sd=4)
+    true = np.array([R @ shaking.R[0].T for R in shaking.R])
+    jitter, gain = {}, {}
+    for cls in (RealtimeTracker, _Unmoved):
+        R = np.array([e.rotation for e in run(cls(), shaking)])
+        turn = np.array([r @ R[0].T for r in R])
+        error = np.degrees([angle for angle in (turn - true)[:, 0, 2]])
+        jitter[cls] = np.diff(error, 2).std()
+        gain[cls] = np.polyfit(np.diff(true[:, 0, 2], 2), np.diff(turn[:, 0, 2], 2), 1)[0]
+    assert jitter[RealtimeTracker] < 0.8 * jitter[_Unmoved]
+    assert gain[RealtimeTracker] == pytest.approx(1, abs=0.1)
