@@ -42,9 +42,11 @@ def crop_of_face(
 
     Unless `upright`, the crop turns with the head, so that roll no longer changes what is in it.
     """
-    centre, _ = camera.project(R @ CENTRE + t)
+    x, y, z = (R @ CENTRE + t).tolist()
+    z = max(z, 1e-6)
+    centre = camera.focal_px * x / z + camera.cx, camera.focal_px * y / z + camera.cy
     angle = 0.0 if upright else roll_of(R)
-    return Crop((float(centre[0]), float(centre[1])), pixels_per_unit * float(t[2]) / camera.focal_px, angle, size)
+    return Crop(centre, pixels_per_unit * float(t[2]) / camera.focal_px, angle, size)
 
 
 def roll_of(R: Array) -> float:

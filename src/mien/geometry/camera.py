@@ -55,8 +55,9 @@ class Camera:
 
     def in_image(self, X: Array, width: int, height: int) -> NDArrayBool:
         """Which camera points (..., 3) are seen in an image of this size in pixels: (...) bool."""
-        p, valid = self.project(X)
-        return np.asarray(valid & (p >= 0).all(axis=-1) & (p <= [width - 1, height - 1]).all(axis=-1))
+        u, v, z = self.focal_px * X[..., 0], self.focal_px * X[..., 1], X[..., 2]
+        across = (u >= -self.cx * z) & (u <= (width - 1 - self.cx) * z)
+        return np.asarray((z > 1e-6) & across & (v >= -self.cy * z) & (v <= (height - 1 - self.cy) * z))
 
     def J_pixel_point(self, X: Array) -> Array:
         """Jacobian of `project`: pixels by camera point. (..., 3) -> (..., 2, 3)."""

@@ -15,7 +15,7 @@ from mien.appearance.views import CENTRE, roll_of
 from mien.candide.model import Candide
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, log, ray_rotation
+from mien.geometry.rotation import FACING, Array, ray_rotation
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
@@ -49,7 +49,7 @@ class Pose:
 
     def moved(self, step: Array) -> Pose:
         """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
-        return Pose(exp(step[:3]) @ self.R, self.t + step[3:6], self.animation + step[6:])
+        return Pose(kernels.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
@@ -57,8 +57,9 @@ class Pose:
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     def step_to(self, other: Pose) -> Array:
-        """The step (12,) that leads to another pose."""
-        return np.concatenate([log(other.R @ self.R.T), other.t - self.t, other.animation - self.animation])
+        """The step (12,) that leads to another pose, less than half a turn away."""
+        turn = kernels.rotation_vector(other.R @ self.R.T)
+        return np.concatenate([turn, other.t - self.t, other.animation - self.animation])
 
 
 @dataclass(frozen=True)
@@ -372,7 +373,8 @@ class RealtimeTracker:
 
     def _posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
-        return np.asarray((self.neutral + np.tensordot(pose.animation, self.units, axes=1)) @ pose.R.T + pose.t)
+        shown = self.neutral + (pose.animation @ self.units.reshape(6, -1)).reshape(-1, 3)
+        return np.asarray(shown @ pose.R.T + pose.t)
 
     def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error."""
