@@ -2,7 +2,7 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/ablation.py PATH`, with PATH the folder of the rendered sequences. Protocol
 `rebased`, landmarks from the detector, found once for all rows. `jaw` is the correlation of `jaw_drop` with jawOpen
-over the sequences of kind `expression`; the last two columns see every third frame alone.
+over the sequences of kind `expression`, `jitter` that of `uniform`; the last two columns see every third frame alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mien.initialization import fit
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks
 from mien.tracking import learning
-from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.realtime import Prediction, RealtimeTracker, View
 from mien.tracking.state import Estimate
 from mien.video import Frame, open_video
 
@@ -110,6 +110,13 @@ class FittedAxes(RealtimeTracker):
             return super().initialize(frame, landmarks, camera)
 
 
+class Unmoved(RealtimeTracker):
+    """The motion since the last frame is not measured: the prediction stays where velocity puts it."""
+
+    def _move(self, view: View, predicted: Prediction) -> Prediction:
+        return predicted
+
+
 def _set(**settings: Any) -> Callable[[], RealtimeTracker]:
     return lambda: RealtimeTracker(RealtimeSettings.model_validate(settings))
 
@@ -130,6 +137,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "detector's depths ignored": WithoutDepths,
     "no robust weights": _set(robust_factor=1e9),
     "no visibility by normals": _set(hidden_cosine=-1),
+    "motion not measured": Unmoved,
     "no prediction": _set(velocity=0),
     "no coarse search": _set(retry_distance=1e9),
     "no jaw search": _set(jaw_retry_distance=1e9),
@@ -158,6 +166,7 @@ def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
     yield f"{pooled_errors(every).mean():.2f}"
     yield str(sum(s.lost for s in every))
     yield f"{np.mean([s.unit_correlations[JAW] for s in every if s.result.kind == 'expression']):.2f}"
+    yield f"{np.mean([s.jitter_deg for s in every if s.result.kind == 'uniform']):.2f}"
     yield f"{pooled_errors(third).mean():.2f}"
     yield str(sum(s.lost for s in third))
 
@@ -166,7 +175,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("path", type=Path)
     every = [prepare(sequence) for sequence in load_dataset("rendered", parser.parse_args().path)]
-    columns = ("", *KINDS, "all", "lost", "jaw", "all, every third", "lost")
+    columns = ("", *KINDS, "all", "lost", "jaw", "jitter", "all, every third", "lost")
     print("| " + " | ".join(columns) + " |", "|---" * len(columns) + "|", sep="\n")
     for name, make in TRACKERS.items():
         scores = ([score(make, thinned(run, step)) for run in every] for step in (1, STEP))

@@ -191,7 +191,7 @@ def _align(
     q, Y, residual = np.empty((m, 2)), np.empty((m, 3)), np.empty((n, m), np.float32)
     off = np.zeros(n)
     H, G, D = np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE, STATE))
-    usual = np.inf
+    usual = 1e9  # at first every patch counts
     for _ in range(iterations):
         total, squared = 1e-9, 0.0
         for i in range(n):

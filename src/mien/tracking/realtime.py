@@ -155,6 +155,7 @@ class RealtimeTracker:
         sd[6 + JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
+        self.rest_information[JAW_DROP] = 1 / s.rest_jaw**2
         angle = np.radians(s.appearance_angle_sd_deg)
         self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
         self.velocity = np.zeros(12)
@@ -237,7 +238,8 @@ class RealtimeTracker:
         view = self._look(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._move(view, predicted)
         view, best = self._fine(frame, moved, view=view)
-        if best.misfit(self.expected) > s.retry_distance:
+        unlike = best.misfit(self.expected) > s.retry_distance
+        if unlike and (moved is predicted or best.share(s.seen_distance) < s.retry_share):
             if moved is not predicted:
                 view, best = self._fine(frame, predicted)
             for start in (predicted.pose, self.pose):

@@ -14,13 +14,13 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.469
+NOISE_SCALE = 0.40
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0154
+TURN_SD = 0.0127
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-MISFIT_DISTANCE = 11.1
+MISFIT_DISTANCE = 6.6
 """Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
-_CONFIDENCE = (-10.40, -1.404, 5.72)
+_CONFIDENCE = (-11.78, -1.730, 4.907)
 _STRANGER = (42.0, 18.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
