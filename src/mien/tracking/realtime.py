@@ -26,7 +26,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
-from mien.tracking.uncertainty import confidence, familiarity, state_covariance
+from mien.tracking.uncertainty import confidence, familiarity, state_covariance, turn_squared
 from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
@@ -155,7 +155,6 @@ class RealtimeTracker:
         sd[6 + JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
-        self.rest_information[JAW_DROP] = 1 / s.rest_jaw**2
         angle = np.radians(s.appearance_angle_sd_deg)
         self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
         self.velocity = np.zeros(12)
@@ -163,6 +162,7 @@ class RealtimeTracker:
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = 0
+        self.first_rotation = self.pose.R
         settled = self._settle(frame)
         self.first_rotation = self.pose.R
         return self._estimate(frame, Status.INITIALIZED, settled)
@@ -320,8 +320,11 @@ class RealtimeTracker:
         return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, view.facing)
 
     def _prior(self, predicted: Prediction) -> tuple[Array, ...]:
-        """The prior as the kernels take it: about a prediction, and of the animation about its rest."""
-        return (*predicted.pose.arrays, predicted.information, self.fit.animation, self.rest_information)
+        """The prior as the kernels take it: about a prediction, and of the animation about its rest. What a turn does
+        to a face looks like an expression: the further it has turned, the less an expression is believed."""
+        pose = predicted.pose
+        turned = turn_squared(pose.R, self.first_rotation) / math.sin(math.radians(self.settings.rest_turn_deg)) ** 2
+        return (*pose.arrays, predicted.information, self.fit.animation, (1 + turned) * self.rest_information)
 
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.40
+NOISE_SCALE = 0.39
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0127
+TURN_SD = 0.0124
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
 MISFIT_DISTANCE = 6.6
 """Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
@@ -37,8 +37,12 @@ def state_covariance(spread: Array, d2: Array, R: Array, R_first: Array) -> Arra
 
 def systematic_variance(R: Array, R_first: Array) -> float:
     """Variance (radians squared) about each axis that comes from the model and not from the frame."""
-    sine_squared = max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
-    return TURN_SD**2 * sine_squared
+    return TURN_SD**2 * turn_squared(R, R_first)
+
+
+def turn_squared(R: Array, R_first: Array) -> float:
+    """Squared sine of the turn of the face, out of the image plane, from one rotation (3, 3) to another."""
+    return max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
 
 
 def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
