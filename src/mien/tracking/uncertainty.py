@@ -14,11 +14,11 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.39
+NOISE_SCALE = 0.41
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0124
+TURN_SD = 0.013
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-MISFIT_DISTANCE = 6.6
+MISFIT_DISTANCE = 8.0
 """Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
 _CONFIDENCE = (-11.78, -1.730, 4.907)
 _STRANGER = (42.0, 18.0, 2.5)
