@@ -93,7 +93,8 @@ class RealtimeSettings(Settings):
     motion_animation: float = Field(0.03, ge=0)
     motion_share: float = Field(0.35, ge=0, description="the same as a share of the motion")
     rest_animation: float = Field(0.55, gt=0, description="standard deviation of the animation from the first frame's")
-    rest_turn_deg: float = Field(18.0, gt=0, description="turn of the head at which its variance is halved")
+    rest_jaw: float = Field(0.65, gt=0, description="the same of jaw_drop, which opens far")
+    rest_turn_deg: float = Field(18.0, gt=0, description="turn of the head at which these variances are halved")
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     learn_shape: bool = True
     relief_sd: float = Field(0.12, ge=0, description="relative standard deviation of the depth of the whole face")

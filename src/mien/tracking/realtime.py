@@ -155,6 +155,7 @@ class RealtimeTracker:
         sd[6 + JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
+        self.rest_information[JAW_DROP] = 1 / s.rest_jaw**2
         angle = np.radians(s.appearance_angle_sd_deg)
         self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
         self.velocity = np.zeros(12)
