@@ -14,9 +14,9 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.41
+NOISE_SCALE = 0.40
 """Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.013
+TURN_SD = 0.0127
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
 MISFIT_DISTANCE = 8.0
 """Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
