@@ -132,7 +132,7 @@ def test_it_takes_out_noise_and_does_not_lag() -> None:
     for cls in (RealtimeTracker, _Unmoved):
         R = np.array([e.rotation for e in run(cls(), shaking)])
         turn = np.array([r @ R[0].T for r in R])
-        error = np.degrees([angle for angle in (turn - true)[:, 0, 2]])
+        error = np.degrees((turn - true)[:, 0, 2])
         jitter[cls] = np.diff(error, 2).std()
         gain[cls] = np.polyfit(np.diff(true[:, 0, 2], 2), np.diff(turn[:, 0, 2], 2), 1)[0]
     assert jitter[RealtimeTracker] < 0.8 * jitter[_Unmoved]

@@ -35,6 +35,8 @@ _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") o
 _EYES = np.array(["eye" in name or "brow" in name for name in LANDMARK_NAMES])
 _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
+_TRUSTED = 0.25
+"""Robust weight above which a landmark looks as it should."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 VERTICES = list(LANDMARK_VERTICES.values())
 
@@ -262,7 +264,7 @@ class RealtimeTracker:
     def _remember(self, view: View, solution: Solution) -> None:
         """Keep what the next frame's motion is measured from."""
         self.spread = solution.spread
-        seen = solution.facing * np.minimum(4 * solution.w, 1)
+        seen = solution.facing * np.minimum(solution.w / _TRUSTED, 1)
         self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
 
     def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
@@ -347,7 +349,7 @@ class RealtimeTracker:
         s = self.settings
         R, t = self.pose.R, self.pose.t
         w, facing = solution.w, solution.facing
-        trusted = facing & (w > 0.25)
+        trusted = facing & (w > _TRUSTED)
         self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         np.maximum(self.expected, s.least_distance, out=self.expected)
