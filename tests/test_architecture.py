@@ -12,8 +12,7 @@ import mien
 
 LAYERS = (
     ("_version", "errors"),
-    ("files",),
-    ("files",),
+    ("files", "compiled"),
     ("config",),
     ("video",),
     ("geometry",),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import LinearNDInterpolator
 
 from mien.appearance.rendering import depth_buffer
-from mien.appearance.surface import Surface, face_surface, on_surface
+from mien.appearance.surface import Surface, _interpolate, face_surface, on_surface
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
@@ -97,3 +98,12 @@ def test_points_beside_the_face_stay() -> None:
     surface = Surface(np.array([[0.0, 0, 2], [1, 0, 2], [0, 1, 2]]), np.array([[0, 1, 2]]), 3)
     point = np.array([[-3.0, 0, 4]])
     np.testing.assert_array_equal(on_surface(point, surface, CAMERA), point)
+
+
+def test_interpolation_is_that_of_scipy() -> None:
+    rng = np.random.default_rng(0)
+    known, values, at = rng.normal(size=(200, 2)), rng.normal(size=200), 1.5 * rng.normal(size=(300, 2))
+    expected = LinearNDInterpolator(known, values)(at)
+    found = _interpolate(known, values, at, np.full(300, np.nan))
+    assert 0 < np.isnan(expected).sum() < 300
+    np.testing.assert_allclose(found, expected, atol=1e-12)

@@ -19,10 +19,10 @@ from __future__ import annotations
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.compiled import kernel
 from mien.geometry.rotation import Array
 
 Float32 = NDArray[np.float32]
@@ -31,7 +31,6 @@ LENGTH = 128
 ORIENTATIONS = 8
 OPENCV_BLUR = 1.52
 """Standard deviation of the Gaussian, in pixels, with which OpenCV prepares an image for its first octave."""
-_FAST = {"contract", "reassoc", "arcp", "nsz", "ninf", "nnan"}
 
 
 def orientation_maps(gray: Float32, cell: int) -> Float32:
@@ -46,7 +45,7 @@ def orientation_maps(gray: Float32, cell: int) -> Float32:
 def describe(maps: Float32, points: Array, cell: int, root: float = 0.0) -> Float32:
     """Descriptors of unit length (n, 128) at image points (n, 2)."""
     out = np.empty((len(points), LENGTH), np.float32)
-    _describe(maps, points, cell, root, out)
+    _describe(maps, points, cell, root, out, None)
     return out
 
 
@@ -54,7 +53,7 @@ def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float 
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    _describe_with_jacobian(maps, points, cell, root, out, J)
+    _describe(maps, points, cell, root, out, J)
     return out, J
 
 
@@ -78,7 +77,7 @@ def _to_kernel_order(descriptors: Float32) -> Float32:
     return np.asarray(d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-12))
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _gradients(gray: Any, maps: Any) -> None:
     """Magnitude of the gradient, split between the two nearest of eight orientations."""
     height, width = gray.shape
@@ -103,14 +102,15 @@ def _gradients(gray: Any, maps: Any) -> None:
             maps[y, x, (k + 1) & 7] = magnitudes[x] * f
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _cell_weight(i: int, j: int) -> Any:
     """Lowe's Gaussian window, of two cells' standard deviation, in the middle of cell (i, j)."""
     return np.float32(np.exp(-0.125 * ((i - 1.5) ** 2 + (j - 1.5) ** 2)))
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _describe(maps: Any, points: Any, cell: int, root: float, out: Any) -> None:
+@kernel()
+def _describe(maps: Any, points: Any, cell: int, root: float, out: Any, J: Any) -> None:
+    """Descriptors (n, 128) into out; J (n, 2, 128), or None where it is not wanted, takes their derivative."""
     height, width = maps.shape[0], maps.shape[1]
     for n in range(points.shape[0]):
         for i in range(4):
@@ -120,76 +120,43 @@ def _describe(maps: Any, points: Any, cell: int, root: float, out: Any) -> None:
                 ix, iy = int(x), int(y)
                 fx, fy = np.float32(x - ix), np.float32(y - iy)
                 w = _cell_weight(i, j)
-                w00, w01 = w * (1 - fy) * (1 - fx), w * (1 - fy) * fx
-                w10, w11 = w * fy * (1 - fx), w * fy * fx
+                gx, gy = np.float32(1.0) - fx, np.float32(1.0) - fy
                 o = 32 * i + 8 * j
                 for k in range(8):
-                    out[n, o + k] = (
-                        w00 * maps[iy, ix, k] + w01 * maps[iy, ix + 1, k]
-                        + w10 * maps[iy + 1, ix, k] + w11 * maps[iy + 1, ix + 1, k]
-                    )  # fmt: skip
-        _normalize(out[n])
-        if root > 0.0:
-            for i in range(128):
+                    a, b = maps[iy, ix, k], maps[iy, ix + 1, k]
+                    c, d = maps[iy + 1, ix, k], maps[iy + 1, ix + 1, k]
+                    out[n, o + k] = w * (gy * (gx * a + fx * b) + fy * (gx * c + fx * d))
+                    if J is not None:
+                        J[n, 0, o + k] = w * (gy * (b - a) + fy * (d - c))
+                        J[n, 1, o + k] = w * (gx * (c - a) + fx * (d - b))
+        _normalize(out[n], None if J is None else J[n])
+        for i in range(128):
+            slope = np.float32(1.0)
+            if root > 0.0:
                 out[n, i] = np.sqrt(out[n, i] + np.float32(root))
-        else:
-            for i in range(128):
-                out[n, i] = min(out[n, i], np.float32(0.2))
-        _normalize(out[n])
+                slope = np.float32(0.5) / out[n, i]
+            elif out[n, i] > np.float32(0.2):
+                out[n, i] = np.float32(0.2)
+                slope = np.float32(0.0)
+            if J is not None:
+                J[n, 0, i] *= slope
+                J[n, 1, i] *= slope
+        _normalize(out[n], None if J is None else J[n])
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _normalize(v: Any) -> Any:
+@kernel()
+def _normalize(v: Any, J: Any) -> None:
+    """v (128,) to unit length; its derivatives J (2, 128): d (v / |v|) = (dv - u (u . dv)) / |v| with u = v / |v|."""
     squared = np.float32(1e-12)
     for i in range(v.size):
         squared += v[i] * v[i]
     inverse = np.float32(1.0) / np.sqrt(squared)
     for i in range(v.size):
         v[i] *= inverse
-    return inverse
-
-
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _describe_with_jacobian(maps: Any, points: Any, cell: int, root: float, out: Any, J: Any) -> None:
-    height, width = maps.shape[0], maps.shape[1]
-    for n in range(points.shape[0]):
-        for i in range(4):
-            for j in range(4):
-                x = min(max(points[n, 0] + (j - 1.5) * cell, 0.0), width - 1.001)
-                y = min(max(points[n, 1] + (i - 1.5) * cell, 0.0), height - 1.001)
-                ix, iy = int(x), int(y)
-                fx, fy = np.float32(x - ix), np.float32(y - iy)
-                w = _cell_weight(i, j)
-                gx, gy = 1 - fx, 1 - fy
-                o = 32 * i + 8 * j
-                for k in range(8):
-                    a, b = maps[iy, ix, k], maps[iy, ix + 1, k]
-                    c, d = maps[iy + 1, ix, k], maps[iy + 1, ix + 1, k]
-                    out[n, o + k] = w * (gy * (gx * a + fx * b) + fy * (gx * c + fx * d))
-                    J[n, 0, o + k] = w * (gy * (b - a) + fy * (d - c))
-                    J[n, 1, o + k] = w * (gx * (c - a) + fx * (d - b))
-        _normalize_with_jacobian(out[n], J[n])
-        if root > 0.0:
-            for i in range(128):
-                out[n, i] = np.sqrt(out[n, i] + np.float32(root))
-                J[n, 0, i] *= np.float32(0.5) / out[n, i]
-                J[n, 1, i] *= np.float32(0.5) / out[n, i]
-        else:
-            for i in range(128):
-                if out[n, i] > np.float32(0.2):
-                    out[n, i] = np.float32(0.2)
-                    J[n, 0, i] = 0.0
-                    J[n, 1, i] = 0.0
-        _normalize_with_jacobian(out[n], J[n])
-
-
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _normalize_with_jacobian(v: Any, J: Any) -> None:
-    """d (v / |v|) = (dv - u (u . dv)) / |v| with u = v / |v|."""
-    inverse = _normalize(v)
-    for a in range(2):
-        along = np.float32(0.0)
-        for i in range(128):
-            along += v[i] * J[a, i]
-        for i in range(128):
-            J[a, i] = (J[a, i] - v[i] * along) * inverse
+    if J is not None:
+        for a in range(2):
+            along = np.float32(0.0)
+            for i in range(v.size):
+                along += v[i] * J[a, i]
+            for i in range(v.size):
+                J[a, i] = (J[a, i] - v[i] * along) * inverse

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.compiled import kernel
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 
@@ -77,7 +77,7 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.intp]) -> Array:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "arcp"})  # type: ignore[untyped-decorator]
+@kernel(fastmath={"contract", "reassoc", "arcp"})
 def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any, image: Any, depth: Any) -> None:
     height, width, channels = image.shape
     th, tw = texture.shape[0], texture.shape[1]

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from mien.appearance.descriptors import _FAST, _describe_with_jacobian
+from mien.appearance.descriptors import _describe
+from mien.compiled import kernel
 
 DEGREE = 4
 POLYNOMIAL_TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
 STATE = 12
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def view_angles(M: Any) -> Any:
     """(tilt, pan) of M = Rz(roll) Rx(tilt) Ry(pan), and their derivative (2, 3) by a rotation vector on the left."""
     roll = np.arctan2(-M[0, 1], M[1, 1])
@@ -27,68 +27,87 @@ def view_angles(M: Any) -> Any:
     pan = np.arctan2(-M[2, 0], M[2, 2])
     ct = max(np.cos(tilt), 1e-3)
     # w = z roll' + Rz x tilt' + Rz Rx y pan', solved for tilt' and pan'.
-    J = np.zeros((2, 3))
-    J[0, 0], J[0, 1] = cr, sr
-    J[1, 0], J[1, 1] = -sr / ct, cr / ct
+    J = np.empty((2, 3))
+    J[0, 0], J[0, 1], J[0, 2] = cr, sr, 0.0
+    J[1, 0], J[1, 1], J[1, 2] = -sr / ct, cr / ct, 0.0
     return tilt, pan, J
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def polynomial(tilt: float, pan: float, limit: float) -> Any:
     """Terms (3, 15) of the quartic in tilt and pan (radians), and their two derivatives; constant past the limit."""
-    out = np.zeros((3, POLYNOMIAL_TERMS), np.float32)
+    out = np.empty((3, POLYNOMIAL_TERMS), np.float32)
     x, y = min(max(tilt / limit, -1.0), 1.0), min(max(pan / limit, -1.0), 1.0)
     dx = 1.0 / limit if abs(tilt) < limit else 0.0
     dy = 1.0 / limit if abs(pan) < limit else 0.0
+    xs, ys = np.empty(DEGREE + 1), np.empty(DEGREE + 1)  # powers
+    xs[0], ys[0] = 1.0, 1.0
+    for k in range(DEGREE):
+        xs[k + 1], ys[k + 1] = x * xs[k], y * ys[k]
     k = 0
     for degree in range(DEGREE + 1):
         for j in range(degree + 1):
             i = degree - j
-            out[0, k] = x**i * y**j
-            out[1, k] = i * x ** max(i - 1, 0) * y**j * dx
-            out[2, k] = j * x**i * y ** max(j - 1, 0) * dy
+            out[0, k] = xs[i] * ys[j]
+            out[1, k] = i * xs[i - 1] * ys[j] * dx  # where i is 0 the power before does not matter
+            out[2, k] = j * xs[i] * ys[j - 1] * dy
             k += 1
     return out
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def project(neutral: Any, units: Any, R: Any, t: Any, a: Any, camera: Any, linear: Any, offset: Any) -> Any:
+@kernel()
+def place(i: int, person: Any, around: Any, R: Any, t: Any, a: Any, view: Any, q: Any, Y: Any) -> None:
+    """Points around (m, 3) landmark i, relative to it in head axes: q (m, 2) in the crop, and Y (m, 3) turned into
+    camera axes but not moved."""
+    neutral, units = person
+    camera, linear, offset, _ = view
+    c0, c1, c2 = neutral[i, 0], neutral[i, 1], neutral[i, 2]
+    for k in range(a.size):
+        c0 += a[k] * units[k, i, 0]
+        c1 += a[k] * units[k, i, 1]
+        c2 += a[k] * units[k, i, 2]
+    for j in range(around.shape[0]):
+        h0, h1, h2 = c0 + around[j, 0], c1 + around[j, 1], c2 + around[j, 2]
+        for r in range(3):
+            Y[j, r] = R[r, 0] * h0 + R[r, 1] * h1 + R[r, 2] * h2
+        scale = camera[0] / max(Y[j, 2] + t[2], 0.1)
+        u, v = scale * (Y[j, 0] + t[0]) + camera[1], scale * (Y[j, 1] + t[1]) + camera[2]
+        q[j, 0] = linear[0, 0] * u + linear[0, 1] * v + offset[0]
+        q[j, 1] = linear[1, 0] * u + linear[1, 1] * v + offset[1]
+
+
+@kernel()
+def differentiate(gu: Any, gv: Any, units: Any, R: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
+    """Derivative (12,) by pose step of what has the gradient (gu, gv) by crop pixel, at a point R h = Y (3,) that the
+    units (6, 3) move."""
+    camera, linear = view[0], view[1]
+    scale = camera[0] / max(Y[2] + t[2], 0.1)
+    x = (linear[0, 0] * gu + linear[1, 0] * gv) * scale
+    y = (linear[0, 1] * gu + linear[1, 1] * gv) * scale
+    z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) * scale / camera[0]
+    row[0], row[1], row[2] = Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x
+    row[3], row[4], row[5] = x, y, z
+    hx = x * R[0, 0] + y * R[1, 0] + z * R[2, 0]
+    hy = x * R[0, 1] + y * R[1, 1] + z * R[2, 1]
+    hz = x * R[0, 2] + y * R[1, 2] + z * R[2, 2]
+    for k in range(units.shape[0]):
+        row[6 + k] = hx * units[k, 0] + hy * units[k, 1] + hz * units[k, 2]
+
+
+@kernel()
+def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
     """Landmarks in the crop (n, 2) and their derivative (n, 2, 12) by [rotation vector, t, animation]."""
-    n = neutral.shape[0]
-    q = np.empty((n, 2))
-    J = np.empty((n, 2, STATE))
-    f = camera[0]
+    n = person[0].shape[0]
+    q, Y, J, here = np.empty((n, 2)), np.empty((1, 3)), np.empty((n, 2, STATE)), np.empty((1, 3))
+    here[0, 0], here[0, 1], here[0, 2] = 0.0, 0.0, 0.0
     for i in range(n):
-        h0, h1, h2 = neutral[i, 0], neutral[i, 1], neutral[i, 2]
-        for k in range(6):
-            h0 += a[k] * units[k, i, 0]
-            h1 += a[k] * units[k, i, 1]
-            h2 += a[k] * units[k, i, 2]
-        x = R[0, 0] * h0 + R[0, 1] * h1 + R[0, 2] * h2
-        y = R[1, 0] * h0 + R[1, 1] * h1 + R[1, 2] * h2
-        z = R[2, 0] * h0 + R[2, 1] * h1 + R[2, 2] * h2
-        X, Y, Z = x + t[0], y + t[1], max(z + t[2], 0.1)
-        u, v = f * X / Z + camera[1], f * Y / Z + camera[2]
-        q[i, 0] = linear[0, 0] * u + linear[0, 1] * v + offset[0]
-        q[i, 1] = linear[1, 0] * u + linear[1, 1] * v + offset[1]
-        fz = f / Z
-        for r in range(2):
-            # crop by camera point
-            j0, j1 = linear[r, 0] * fz, linear[r, 1] * fz
-            j2 = -(j0 * X + j1 * Y) / Z
-            J[i, r, 0] = -j1 * z + j2 * y
-            J[i, r, 1] = j0 * z - j2 * x
-            J[i, r, 2] = -j0 * y + j1 * x
-            J[i, r, 3], J[i, r, 4], J[i, r, 5] = j0, j1, j2
-            m0 = j0 * R[0, 0] + j1 * R[1, 0] + j2 * R[2, 0]
-            m1 = j0 * R[0, 1] + j1 * R[1, 1] + j2 * R[2, 1]
-            m2 = j0 * R[0, 2] + j1 * R[1, 2] + j2 * R[2, 2]
-            for k in range(6):
-                J[i, r, 6 + k] = m0 * units[k, i, 0] + m1 * units[k, i, 1] + m2 * units[k, i, 2]
+        place(i, person, here, R, t, a, view, q[i : i + 1], Y)
+        differentiate(1.0, 0.0, person[1][:, i], R, t, Y[0], view, J[i, 0])
+        differentiate(0.0, 1.0, person[1][:, i], R, t, Y[0], view, J[i, 1])
     return q, J
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def linearize_landmarks(
     maps: Any, cell: int, root: float, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
     inverse_floor: Any, active: Any, y: Any, M: Any, g: Any, d2: Any,
@@ -105,7 +124,7 @@ def linearize_landmarks(
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        _describe_with_jacobian(maps, q[i : i + 1], cell, root, y[i : i + 1], J)
+        _describe(maps, q[i : i + 1], cell, root, y[i : i + 1], J)
         for c in range(128):
             D[0, c] = y[i, c] - delta[i, c]
             D[1, c] = J[0, 0, c]
@@ -143,7 +162,7 @@ def linearize_landmarks(
                     M[i, b - 1, a - 1] = s
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
     """Give a landmark a systematic error of its own, and marginalise it: changes M and g, returns the new d2.
 
@@ -151,8 +170,8 @@ def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
     landmark's quadratic form becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
     """
     # Cholesky factor L of M + P, then X = L^-1 [M, g], so that M A M = X^T X.
-    L = np.zeros((4, 4))
-    X = np.zeros((4, 5))
+    L = np.empty((4, 4))
+    X = np.empty((4, 5))
     for i in range(4):
         for j in range(i + 1):
             s = M[i, j] + (1.0 / variance[i] if i == j else 0.0)
@@ -173,7 +192,7 @@ def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
     return max(d2, 0.0)
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def rotate(w: Any, R: Any) -> Any:
     """exp(w) R (Rodrigues): (3,), (3, 3) -> (3, 3)."""
     angle = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -192,18 +211,20 @@ def rotate(w: Any, R: Any) -> Any:
     return out
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def transposed_product(A: Any, B: Any) -> Any:
     """A^T B of small matrices, without a call to BLAS: (k, m), (k, n) -> (m, n)."""
-    out = np.zeros((A.shape[1], B.shape[1]))
+    out = np.empty((A.shape[1], B.shape[1]))
     for i in range(A.shape[1]):
         for j in range(B.shape[1]):
+            s = 0.0
             for k in range(A.shape[0]):
-                out[i, j] += A[k, i] * B[k, j]
+                s += A[k, i] * B[k, j]
+            out[i, j] = s
     return out
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def solve_positive(A: Any, b: Any) -> Any:
     """x with A x = b for a symmetric positive definite A (d, d), by Cholesky; A is overwritten."""
     d = b.size
@@ -224,20 +245,30 @@ def solve_positive(A: Any, b: Any) -> Any:
     return x
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def rotation_vector(R: Any) -> Any:
-    """Rotation vector of a rotation by less than about 170 degrees: (3, 3) -> (3,)."""
-    w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+@kernel()
+def rotation_vector(R: Any, R_from: Any) -> Any:
+    """Rotation vector (3,) that leads from one rotation (3, 3) to another, less than about 170 degrees away."""
+    w = np.empty(3)
+    w[0], w[1], w[2] = 0.0, 0.0, 0.0
+    trace = 0.0  # of R R_from^T, and from its antisymmetric part the sine and the axis
+    for c in range(3):
+        x, y, z, X, Y, Z = R_from[0, c], R_from[1, c], R_from[2, c], R[0, c], R[1, c], R[2, c]
+        w[0] += 0.5 * (y * Z - z * Y)
+        w[1] += 0.5 * (z * X - x * Z)
+        w[2] += 0.5 * (x * Y - y * X)
+        trace += x * X + y * Y + z * Z
     sine = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1)
-    return w * (np.arctan2(sine, cosine) / sine) if sine > 1e-9 else w
+    scale = np.arctan2(sine, 0.5 * (trace - 1.0)) / sine if sine > 1e-9 else 1.0
+    for k in range(3):
+        w[k] *= scale
+    return w
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
     """The prior's part of Eq. (9): returns its energy, and begins H (12, 12) and G (12,) with its derivatives."""
     R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
-    turn = rotation_vector(transposed_product(R.T, R_prior.T))
+    turn = rotation_vector(R, R_prior)
     step = np.empty(STATE)
     for k in range(3):
         step[k] = turn[k]
@@ -259,7 +290,7 @@ def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
     return energy
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
     """Add one landmark's w B^T M B to the upper triangle of H (12, 12), and its w B^T g to G (12,)."""
     MB = transposed_product(M, B)  # M is symmetric
@@ -271,7 +302,7 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
                 H[r, c] += x * MB[k, c]
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
 def evaluate(
     R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
@@ -281,16 +312,14 @@ def evaluate(
     The derivatives are those of half the energy. Also fills, per landmark, y, M, g, d2 (see
     `linearize_landmarks`), B (n, 4, 12) = [u, v, tilt, pan] by pose step, and the weight w in the solution.
     """
-    neutral, units = person
     coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
-    camera, linear, offset, ray = view
-    q, J = project(neutral, units, R, t, a, camera, linear, offset)
+    ray = view[3]
+    q, J = project(person, R, t, a, view)
     # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
     V = transposed_product(ray, R)
     for r in range(3):
         V[r, 1], V[r, 2] = -V[r, 1], -V[r, 2]
     tilt, pan, J_angles = view_angles(V)
-    J_angles = transposed_product(J_angles.T, ray.T)
     terms = polynomial(tilt, pan, limit)
     linearize_landmarks(maps, cell, root, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
     energy = add_prior(R, t, a, prior, H, G)
@@ -307,7 +336,7 @@ def evaluate(
             for r in range(STATE):
                 B[i, k, r] = J[i, k, r]
             for r in range(3):
-                B[i, 2 + k, r] = J_angles[k, r]
+                B[i, 2 + k, r] = J_angles[k, 0] * ray[r, 0] + J_angles[k, 1] * ray[r, 1] + J_angles[k, 2] * ray[r, 2]
         add_landmark(M[i], g[i], B[i], w[i], H, G)
     for r in range(STATE):
         for c in range(r):
@@ -315,7 +344,7 @@ def evaluate(
     return energy
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def solve(
     R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, iterations: int, tolerance: float,
@@ -327,46 +356,37 @@ def solve(
     how often the energy was evaluated.
     """
     n = person[0].shape[0]
-    y, best_y = np.zeros((n, 128), np.float32), np.zeros((n, 128), np.float32)
-    M, best_M = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
-    g, best_g = np.zeros((n, 4)), np.zeros((n, 4))
-    d2, best_d2 = np.zeros(n), np.zeros(n)
-    B, best_B = np.zeros((n, 4, STATE)), np.zeros((n, 4, STATE))
-    w, best_w = np.zeros(n), np.zeros(n)
-    H, best_H, G, best_G = np.empty((STATE, STATE)), np.empty((STATE, STATE)), np.empty(STATE), np.empty(STATE)
-    best = np.inf
-    damping = 1e-3
+    # Of everything there are two: what belongs to the lowest point so far, and what the next evaluation fills.
+    y, M, g, d2 = np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n))
+    B, w, H, G = np.zeros((2, n, 4, STATE)), np.zeros((2, n)), np.zeros((2, STATE, STATE)), np.zeros((2, STATE))
+    lowest, free = 0, 1
+    best, damping = np.inf, 1e-3
     best_R, best_t, best_a = R, t, a
     evaluations = 0
     while evaluations < iterations:
         energy = evaluate(
-            R, t, a, maps, cell, root, person, appearance, active, scale, prior, view, y, M, g, d2, B, w, H, G
-        )
+            R, t, a, maps, cell, root, person, appearance, active, scale, prior, view,
+            y[free], M[free], g[free], d2[free], B[free], w[free], H[free], G[free],
+        )  # fmt: skip
         evaluations += 1
         if energy < best:
             best, best_R, best_t, best_a = energy, R, t, a
-            y, best_y = best_y, y
-            M, best_M = best_M, M
-            g, best_g = best_g, g
-            d2, best_d2 = best_d2, d2
-            B, best_B = best_B, B
-            w, best_w = best_w, w
-            H, best_H = best_H, H
-            G, best_G = best_G, G
+            lowest, free = free, lowest
             damping *= 0.2
         else:
             damping *= 10.0
             if damping > 1e6:
                 break
-        A = best_H.copy()
+        A = H[lowest].copy()
         for k in range(STATE):
             A[k, k] *= 1.0 + damping
-        step = solve_positive(A, best_G)
+        step = solve_positive(A, G[lowest])
         R, t, a = rotate(-step[:3], best_R), best_t - step[3:6], best_a - step[6:]
         gain = 0.0  # that the quadratic model promises
         for k in range(STATE):
-            gain += best_G[k] * step[k]
+            gain += G[lowest, k] * step[k]
         if gain < tolerance:
             best_R, best_t, best_a = R, t, a
             break
-    return best_R, best_t, best_a, best, best_H, best_y, best_M, best_g, best_d2, best_B, best_w, evaluations
+    k = lowest
+    return best_R, best_t, best_a, best, H[k], y[k], M[k], g[k], d2[k], B[k], w[k], evaluations

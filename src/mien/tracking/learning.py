@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from mien.appearance.crop import Crop, blurred
-from mien.appearance.descriptors import describe, orientation_maps
+from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
@@ -97,7 +97,8 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         image = render(head @ R.T + t, triangles, texture, view, size, size, background, light).image[:, :, 0]
         points = face.points @ R.T + t
         maps = orientation_maps(blurred(image, d.blur), d.cell)
-        samples.append(describe(maps, view.project(points)[0], d.cell, d.root))
+        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
+        samples.append(describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0])
         terms.append(polynomial(tilt, pan, limit)[0])
         visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
     appearance = PoseRegression.learn(np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank)

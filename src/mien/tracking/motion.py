@@ -15,14 +15,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from mien.appearance.descriptors import _FAST, Float32
+from mien.appearance.descriptors import Float32
 from mien.candide.model import TRACKED_UNITS
+from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
-from mien.tracking.kernels import STATE, add_prior, rotate, solve_positive
+from mien.tracking.kernels import STATE, add_prior, differentiate, place, rotate, solve_positive
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 _LEAST_GREY = 1.0
@@ -72,7 +72,7 @@ class Motion:
         return np.asarray(floor**2 + (s.motion_share * length) ** 2)
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _read(image: Any, x: float, y: float) -> Any:
     """Bilinear value at a point and its derivatives by the point; beyond the edge the edge repeats."""
     height, width = image.shape
@@ -81,47 +81,10 @@ def _read(image: Any, x: float, y: float) -> Any:
     fx, fy = np.float32(x - ix), np.float32(y - iy)
     a, b, c, d = image[iy, ix], image[iy, ix + 1], image[iy + 1, ix], image[iy + 1, ix + 1]
     upper, lower = a + fx * (b - a), c + fx * (d - c)
-    return upper + fy * (lower - upper), (1 - fy) * (b - a) + fy * (d - c), lower - upper
+    return upper + fy * (lower - upper), (np.float32(1.0) - fy) * (b - a) + fy * (d - c), lower - upper
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, view: Any, q: Any, Y: Any) -> None:
-    """Points of patch i in the crop, q (m, 2), and turned into camera axes but not moved, Y (m, 3)."""
-    neutral, units = person
-    camera, linear, offset, _ = view
-    c0, c1, c2 = neutral[i, 0], neutral[i, 1], neutral[i, 2]
-    for k in range(a.size):
-        c0 += a[k] * units[k, i, 0]
-        c1 += a[k] * units[k, i, 1]
-        c2 += a[k] * units[k, i, 2]
-    for j in range(patches.shape[1]):
-        h0, h1, h2 = c0 + patches[i, j, 0], c1 + patches[i, j, 1], c2 + patches[i, j, 2]
-        for r in range(3):
-            Y[j, r] = R[r, 0] * h0 + R[r, 1] * h1 + R[r, 2] * h2
-        scale = camera[0] / max(Y[j, 2] + t[2], 0.1)
-        u, v = scale * (Y[j, 0] + t[0]) + camera[1], scale * (Y[j, 1] + t[1]) + camera[2]
-        q[j, 0] = linear[0, 0] * u + linear[0, 1] * v + offset[0]
-        q[j, 1] = linear[1, 0] * u + linear[1, 1] * v + offset[1]
-
-
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
-def _steepest(gu: float, gv: float, units: Any, R: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
-    """Derivative (12,) by pose step of a value whose gradient by crop pixel is (gu, gv), at a point R h = Y (3,)."""
-    camera, linear = view[0], view[1]
-    depth = max(Y[2] + t[2], 0.1)
-    x = (linear[0, 0] * gu + linear[1, 0] * gv) * camera[0] / depth
-    y = (linear[0, 1] * gu + linear[1, 1] * gv) * camera[0] / depth
-    z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) / depth
-    row[0], row[1], row[2] = Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x
-    row[3], row[4], row[5] = x, y, z
-    hx = x * R[0, 0] + y * R[1, 0] + z * R[2, 0]
-    hy = x * R[0, 1] + y * R[1, 1] + z * R[2, 1]
-    hz = x * R[0, 2] + y * R[1, 2] + z * R[2, 2]
-    for k in range(units.shape[0]):
-        row[6 + k] = hx * units[k, 0] + hy * units[k, 1] + hz * units[k, 2]
-
-
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
     """Values (n, m) less their mean, their norms (n,), their derivatives (n, 12, m) by pose step less the mean, and
     the sums (n, 12, 12) of the products of those."""
@@ -132,10 +95,10 @@ def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -
     J, JJ = np.empty((n, STATE, m), np.float32), np.empty((n, STATE, STATE))
     q, Y, row = np.empty((m, 2)), np.empty((m, 3)), np.empty(STATE)
     for i in range(n):
-        _place_patch(i, person, patches, R, t, a, view, q, Y)
+        place(i, person, patches[i], R, t, a, view, q, Y)
         for j in range(m):
             values[i, j], gu, gv = _read(image, q[j, 0], q[j, 1])
-            _steepest(gu, gv, units[:, i], R, t, Y[j], view, row)
+            differentiate(np.float64(gu), np.float64(gv), units[:, i], R, t, Y[j], view, row)
             for k in range(STATE):
                 J[i, k, j] = row[k]
         norms[i] = np.sqrt(_center(values[i]))
@@ -150,7 +113,7 @@ def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -
     return values, norms, J, JJ
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _center(x: Any) -> Any:
     """Take its mean off an array (m,); returns the sum of squares of what is left."""
     mean, squared = np.float32(0.0), np.float32(0.0)
@@ -163,7 +126,7 @@ def _center(x: Any) -> Any:
     return squared
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _compare(image: Any, q: Any, values: Any, norm: float, residual: Any) -> Any:
     """Residual (m,) of a patch at points q (m, 2), its brightness and contrast made the last frame's; its mean
     square."""
@@ -177,7 +140,7 @@ def _compare(image: Any, q: Any, values: Any, norm: float, residual: Any) -> Any
     return squared / values.size
 
 
-@numba.njit(cache=True, fastmath=_FAST)  # type: ignore[untyped-decorator]
+@kernel()
 def _align(
     image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
     iterations: int, tolerance: float,
@@ -196,7 +159,7 @@ def _align(
         total, squared = 1e-9, 0.0
         for i in range(n):
             if active[i] > 0.0:
-                _place_patch(i, person, patches, R, t, a, view, q, Y)
+                place(i, person, patches[i], R, t, a, view, q, Y)
                 off[i] = _compare(image, q, values[i], norms[i], residual[i])
                 ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
                 total += active[i] * ratio * ratio

@@ -60,7 +60,7 @@ class Pose:
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
-        turn = kernels.rotation_vector(other.R @ self.R.T)
+        turn = kernels.rotation_vector(other.R, self.R)
         return np.concatenate([turn, other.t - self.t, other.animation - self.animation])
 
 
@@ -93,11 +93,14 @@ class Solution:
         """Share of the landmarks that can be seen whose squared distance is at most `most`."""
         return float((self.d2[self.facing] <= most).mean()) if self.facing.sum() >= _LEAST_LANDMARKS else 0.0
 
-    def displacements(self) -> Array:
-        """Where each landmark alone would be, from where the pose puts it: (n, 2) pixels of the crop."""
+    def misplacement(self, most: float) -> Array:
+        """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
+        puts it, no further than `most`."""
         a, b, c = self.M[:, 0, 0] + 1e-6, self.M[:, 0, 1], self.M[:, 1, 1] + 1e-6
         gu, gv = self.g[:, 0], self.g[:, 1]
-        return np.asarray(np.stack([b * gv - c * gu, b * gu - a * gv], axis=1) / (a * c - b * b)[:, None])
+        determinant = a * c - b * b
+        u, v = (b * gv - c * gu) / determinant, (b * gu - a * gv) / determinant
+        return np.asarray(0.5 * (np.minimum(u * u, most**2) + np.minimum(v * v, most**2)))
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ class RealtimeTracker:
         s = self.settings
         landmarks.check(frame.width, frame.height)
         self.camera = camera
-        self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy])
+        self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy], dtype=float)
         self.fit = fit_first_frame(landmarks, camera, self.model)
         self.face = learn_face(frame, landmarks, self.fit, camera, VERTICES, s)
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
@@ -376,8 +379,8 @@ class RealtimeTracker:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
         s = self.settings
         found = solution.facing & (solution.w > 1e-3)
-        squared = np.square(np.clip(solution.displacements(), -_FAR, _FAR)).mean(axis=1)
-        self.variance[:, :2] += (s.location_rate * found * (s.location_sd**2 + squared - self.variance[:, 0]))[:, None]
+        variance = s.location_sd**2 + solution.misplacement(_FAR)
+        self.variance[:, :2] += (s.location_rate * found * (variance - self.variance[:, 0]))[:, None]
 
     def _posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
