@@ -9,12 +9,13 @@ from hypothesis import given
 from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp
 from mien.tracking.uncertainty import (
+    AXES_SD,
     MISFIT_DISTANCE,
     NOISE_SCALE,
     TURN_SD,
     confidence,
     state_covariance,
-    systematic_variance,
+    systematic_covariance,
 )
 from strategies import head_rotations, rotation_vectors
 
@@ -23,31 +24,54 @@ PERFECT = np.zeros(26)
 
 
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, FACING, FACING), NOISE_SCALE**2 * SPREAD)
+    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING), NOISE_SCALE**2 * SPREAD)
 
 
-def test_landmarks_that_look_wrong_make_everything_less_certain() -> None:
-    perfect = state_covariance(SPREAD, PERFECT, rotation(0, 0.5, 0), FACING)
-    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), rotation(0, 0.5, 0), FACING)
-    np.testing.assert_allclose(misfit, 2 * perfect)
+def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
+    R = rotation(0, 0.5, 0)
+    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, FACING)
+    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, FACING)
+    np.testing.assert_allclose(misfit - perfect, NOISE_SCALE**2 * SPREAD, atol=1e-15)
+
+
+def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
+    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, FACING)
+    np.testing.assert_allclose(half, 2 * state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING))
+    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, FACING)).all()
 
 
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
-    covariance = state_covariance(SPREAD, PERFECT, R, R_first)
+    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, R_first)
     assert np.linalg.eigvalsh(covariance - NOISE_SCALE**2 * SPREAD).min() > -1e-12
-    np.testing.assert_array_equal(covariance[3:, 3:], state_covariance(SPREAD, PERFECT, R_first, R_first)[3:, 3:])
+    np.testing.assert_array_equal(covariance[3:, 3:], state_covariance(SPREAD, PERFECT, 1.0, R_first, R_first)[3:, 3:])
 
 
-def test_systematic_variance_by_hand() -> None:
-    """Half a radian of pan: out of the plane by its sine. Of roll: not out of the plane at all."""
-    assert systematic_variance(rotation(0, 0.5, 0), FACING) == pytest.approx((TURN_SD * np.sin(0.5)) ** 2)
-    assert systematic_variance(rotation(0, 0, 0.5), FACING) == pytest.approx(0, abs=1e-15)
+def test_systematic_covariance_by_hand() -> None:
+    """Half a radian of pan: out of the plane by its sine; axes that are wrong in tilt stay so about the vertical plane,
+    those wrong in pan turn with it. Of roll: not out of the plane at all, and the axes roll."""
+    relief = (TURN_SD * np.sin(0.5)) ** 2
+    tilt = 2 * (1 - np.cos(0.5)) * AXES_SD[0] ** 2  # the length of the difference of the x axes, squared
+    panned = systematic_covariance(rotation(0, 0.5, 0), FACING)
+    assert np.trace(panned) == pytest.approx(3 * relief + tilt)
+    assert panned[1, 1] == pytest.approx(relief)
+    rolled = systematic_covariance(rotation(0, 0, 0.5), FACING)
+    assert np.trace(rolled) == pytest.approx(2 * (1 - np.cos(0.5)) * (AXES_SD[:2] ** 2).sum())
+    np.testing.assert_allclose(systematic_covariance(FACING, FACING), 0, atol=1e-15)
+
+
+@given(head_rotations(), head_rotations(), rotation_vectors(1e-5))
+def test_wrong_axes_turn_the_rotation_by_their_difference(R: Array, R_first: Array, d: Array) -> None:
+    """With R exp(d) in place of every R, R_first^T R is turned by R_first^T (R - R_first) d."""
+    wrong = (R_first @ exp(d)).T @ R @ exp(d)
+    expected = exp(R_first.T @ (R - R_first) @ d) @ R_first.T @ R
+    np.testing.assert_allclose(wrong, expected, atol=1e-9)
 
 
 @given(head_rotations(), head_rotations(), rotation_vectors())
 def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
-    assert systematic_variance(exp(v) @ R, exp(v) @ R_first) == pytest.approx(systematic_variance(R, R_first), abs=1e-9)
+    there, here = systematic_covariance(exp(v) @ R, exp(v) @ R_first), systematic_covariance(R, R_first)
+    np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
 
 
 def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:

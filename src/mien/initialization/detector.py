@@ -89,8 +89,9 @@ def read_faces(mesh: Any, pixels: Any) -> list[Array]:
     """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
     height, width = pixels.shape[:2]
     answer = mesh.process(np.ascontiguousarray(pixels)).multi_face_landmarks or []
-    # Normalised coordinates span the image from edge to edge, pixel centres lie half a pixel inside.
-    return [np.array([[p.x * width - 0.5, p.y * height - 0.5, p.z * width] for p in f.landmark]) for f in answer]
+    # Its pixels are counted from the centre of the first: with half a pixel taken off, as from its edge, what is found
+    # in a mirrored picture lies half a pixel beside what is found in the picture, however large both are drawn.
+    return [np.array([[p.x * width, p.y * height, p.z * width] for p in f.landmark]) for f in answer]
 
 
 @contextlib.contextmanager

@@ -393,10 +393,9 @@ class RealtimeTracker:
         seen = solution.facing & (solution.d2 <= self.settings.seen_distance)
         distance = np.sqrt(solution.d2)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
-        covariance = state_covariance(solution.spread, solution.d2[seen], self.pose.R, self.first_rotation)
-        sure = confidence(
-            covariance, solution.d2[solution.facing], float(seen.mean()), self.pose.R, self.first_rotation
-        )
+        share = float(seen.mean())
+        covariance = state_covariance(solution.spread, solution.d2[seen], share, self.pose.R, self.first_rotation)
+        sure = confidence(covariance, solution.d2[solution.facing], share, self.pose.R, self.first_rotation)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             sure, self.fit.mm_per_unit,

@@ -1,9 +1,10 @@
 """What the tracker says of its own error, calibrated against truth.
 
-The inverse of the Gauss-Newton matrix at the optimum knows the noise of one frame. What it does not know is that the
-model is wrong by a little, everywhere the same way: an error of the relief turns into an error of the angle that grows
-with the turn out of the first frame's view. Both are scaled to the errors measured on rendered sequences with exact
-truth; docs/benchmark.md gives the coverage and the reliability that result, and the command.
+The inverse of the Gauss-Newton matrix at the optimum knows the noise of one frame, which grows where the landmarks look
+less like their appearance. It does not know what is wrong in the same way in every frame: an error of the relief turns
+into an error of the angle that grows with the turn out of the first frame's view, and so does an error of the
+head's axes, which the first frame shows to a few degrees only. All are scaled to the errors measured on rendered
+sequences with exact truth; docs/benchmark.md gives the coverage and the reliability that result, and the command.
 """
 
 from __future__ import annotations
@@ -14,32 +15,40 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.40
-"""Factor of the standard deviations from the Gauss-Newton matrix."""
-TURN_SD = 0.0127
+NOISE_SCALE = 0.17
+"""Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and all landmarks are seen."""
+MISFIT_DISTANCE = 1.3
+"""Median squared distance of the landmarks at which those variances are twice that."""
+TURN_SD = 0.023
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-MISFIT_DISTANCE = 8.0
-"""Median squared distance of the landmarks at which every variance is twice what it is for a perfect fit."""
-_CONFIDENCE = (-13.22, -1.553, 7.5)
-"""Bias, weight of the logarithm of the spread, and of the share that is seen; the last is not the best fit (4.9) but
-more, since the sequences hold few frames with nearly everything hidden, and such a frame must not be believed."""
+AXES_SD = np.radians([2.2, 1.5, 0.0])
+"""Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
+_LEAST_SEEN = 0.04
+"""A single landmark's share, where none is seen."""
+_CONFIDENCE = (-10.77, -1.183, 8.5)
+"""Bias, weight of the logarithm of the spread, and of the share that is seen; the last is a little more than the best
+fit (6), since the sequences hold few frames with nearly everything hidden, and such a frame must not be believed."""
 _STRANGER = (42.0, 18.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
 
-def state_covariance(spread: Array, d2: Array, R: Array, R_first: Array) -> Array:
+def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: Array) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
-    d2 (n,) of the landmarks that are seen, at a rotation (3, 3), relative to the first frame's."""
-    covariance = NOISE_SCALE**2 * spread
-    covariance[:3, :3] += systematic_variance(R, R_first) * np.eye(3)
-    median = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
-    return np.asarray((1 + median / MISFIT_DISTANCE) * covariance)
+    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
+    error that the rotation has beyond that of the first frame's, R_first (3, 3)."""
+    misfit = float(np.sort(d2)[len(d2) // 2]) / MISFIT_DISTANCE if len(d2) else 0.0
+    # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
+    covariance = NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN) * spread
+    covariance[:3, :3] += systematic_covariance(R, R_first)
+    return np.asarray(covariance)
 
 
-def systematic_variance(R: Array, R_first: Array) -> float:
-    """Variance (radians squared) about each axis that comes from the model and not from the frame."""
-    return TURN_SD**2 * turn_squared(R, R_first)
+def systematic_covariance(R: Array, R_first: Array) -> Array:
+    """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
+    Where these are wrong by d, every R is R exp(d), an error of R d, of which the first frame has R_first d."""
+    moved = (R - R_first) * AXES_SD
+    return np.asarray(TURN_SD**2 * turn_squared(R, R_first) * np.eye(3) + moved @ moved.T)
 
 
 def turn_squared(R: Array, R_first: Array) -> float:
