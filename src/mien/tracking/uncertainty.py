@@ -16,7 +16,7 @@ import numpy as np
 from mien.geometry.rotation import Array
 
 NOISE_SCALE = 0.17
-"""Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and all landmarks are seen."""
+"""Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
 TURN_SD = 0.023
