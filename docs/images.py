@@ -22,7 +22,7 @@ def main() -> None:
     Image.fromarray(strip).save(IMAGES / "demo.png", optimize=True)
     plot = cv2.cvtColor(cv2.imread(str(DEMO / "plot.png")), cv2.COLOR_BGR2RGB)
     small = Image.fromarray(_scaled(plot, PLOT_WIDTH / plot.shape[1]))
-    small.quantize(64).save(IMAGES / "plot.png", optimize=True)
+    small.save(IMAGES / "plot.png", optimize=True)
 
 
 def _scaled(image: np.ndarray, scale: float) -> np.ndarray:
