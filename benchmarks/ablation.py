@@ -139,6 +139,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "no visibility by normals": _set(hidden_cosine=-1),
     "motion not measured": Unmoved,
     "no prediction": _set(velocity=0),
+    "last pose counts for nothing where little is seen": _set(hold_share=0),
     "no coarse search": _set(retry_distance=1e9),
     "no jaw search": _set(jaw_retry_distance=1e9),
     "no loss, no recovery": _set(least_share=0),

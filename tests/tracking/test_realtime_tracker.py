@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -181,3 +183,19 @@ def test_landmarks_of_another_video_are_refused() -> None:
     given = face().landmarks
     with pytest.raises(MienError, match="outside the image"):
         RealtimeTracker().initialize(face().frame, Landmarks(given.points + 300, given.scheme), face().camera)
+
+
+def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    predicted = tracker.pose
+    _, found = tracker._fine(sequence().frames[3], tracker._stay())
+    assert found.seen(tracker.settings.seen_distance).mean() > tracker.settings.hold_share
+    assert tracker._hold(predicted, found) is found
+
+    few = found.facing & (np.arange(len(found.facing)) < 5)
+    turned = replace(found, facing=few, pose=predicted.moved(np.array([0.1, 0, 0] + [0.0] * 9)), H=1e-2 * found.H)
+    held = tracker._hold(predicted, turned)
+    assert 0 < predicted.step_to(held.pose)[0] < 0.05  # most of the way back
+    sure = tracker._hold(predicted, replace(turned, H=1e6 * found.H))
+    np.testing.assert_allclose(predicted.step_to(sure.pose), predicted.step_to(turned.pose), atol=1e-4)

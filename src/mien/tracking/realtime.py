@@ -26,7 +26,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
-from mien.tracking.uncertainty import confidence, familiarity, state_covariance, turn_squared
+from mien.tracking.uncertainty import confidence, familiarity, frame_variance, state_covariance, turn_squared
 from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
@@ -88,6 +88,10 @@ class Solution:
         """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
         ratio = np.sort((self.d2 / expected)[self.facing])
         return float(ratio[len(ratio) // 2]) if len(ratio) else np.inf
+
+    def seen(self, most: float) -> Mask:
+        """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
+        return np.asarray(self.facing & (self.d2 <= most))
 
     def share(self, most: float) -> float:
         """Share of the landmarks that can be seen whose squared distance is at most `most`."""
@@ -254,7 +258,23 @@ class RealtimeTracker:
                 if fine.energy < best.energy:
                     view, best = again, fine
             moved = predicted
-        return view, self._open_mouth(view, best, moved)
+        best = self._open_mouth(view, best, moved)
+        return view, best if self.lost_frames else self._hold(predicted.pose, best)
+
+    def _hold(self, predicted: Pose, found: Solution) -> Solution:
+        """Few landmarks say less of the pose than that a head moves little in a frame: the pose between what is
+        predicted and what is found, each weighed by its information."""
+        s = self.settings
+        seen = found.seen(s.seen_distance)
+        share = float(seen.mean())
+        if share >= s.hold_share:
+            return found
+        sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation)
+        sd[6 + JAW_DROP] = s.prior_jaw
+        inertia = np.diag(1 / sd**2)
+        information = found.H / frame_variance(found.d2[seen], share)
+        back = np.linalg.solve(information + inertia, inertia @ predicted.step_to(found.pose))
+        return replace(found, pose=found.pose.moved(-back))
 
     def _move(self, view: View, predicted: Prediction) -> Prediction:
         """The prediction after the motion that the pixels show since the last frame."""
@@ -390,7 +410,7 @@ class RealtimeTracker:
     def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error."""
         X = self._posed(self.pose)
-        seen = solution.facing & (solution.d2 <= self.settings.seen_distance)
+        seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
         share = float(seen.mean())

@@ -37,11 +37,17 @@ def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: A
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
     error that the rotation has beyond that of the first frame's, R_first (3, 3)."""
-    misfit = float(np.sort(d2)[len(d2) // 2]) / MISFIT_DISTANCE if len(d2) else 0.0
-    # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
-    covariance = NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN) * spread
+    covariance = frame_variance(d2, seen) * spread
     covariance[:3, :3] += systematic_covariance(R, R_first)
     return np.asarray(covariance)
+
+
+def frame_variance(d2: Array, seen: float) -> float:
+    """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as
+    `state_covariance`'s."""
+    misfit = float(np.sort(d2)[len(d2) // 2]) / MISFIT_DISTANCE if len(d2) else 0.0
+    # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
+    return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
 def systematic_covariance(R: Array, R_first: Array) -> Array:
