@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 
 from mien.appearance.views import rotation
-from mien.geometry.rotation import FACING, Array, exp
+from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking.uncertainty import (
     AXES_SD,
     MISFIT_DISTANCE,
@@ -16,6 +16,7 @@ from mien.tracking.uncertainty import (
     confidence,
     state_covariance,
     systematic_covariance,
+    turn_squared,
 )
 from strategies import head_rotations, rotation_vectors
 
@@ -60,12 +61,16 @@ def test_systematic_covariance_by_hand() -> None:
     np.testing.assert_allclose(systematic_covariance(FACING, FACING), 0, atol=1e-15)
 
 
-@given(head_rotations(), head_rotations(), rotation_vectors(1e-5))
-def test_wrong_axes_turn_the_rotation_by_their_difference(R: Array, R_first: Array, d: Array) -> None:
-    """With R exp(d) in place of every R, R_first^T R is turned by R_first^T (R - R_first) d."""
-    wrong = (R_first @ exp(d)).T @ R @ exp(d)
-    expected = exp(R_first.T @ (R - R_first) @ d) @ R_first.T @ R
-    np.testing.assert_allclose(wrong, expected, atol=1e-9)
+@given(head_rotations(), head_rotations())
+def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first: Array) -> None:
+    """With R exp(d) in place of every R, R_first^T R is turned by R_first^T w; d small, about each axis of the head."""
+    small = 1e-5
+    expected = TURN_SD**2 * turn_squared(R, R_first) * np.eye(3)
+    for d in np.diag(small * AXES_SD):
+        turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
+        w = R_first @ log(turned) / small
+        expected += np.outer(w, w)
+    np.testing.assert_allclose(systematic_covariance(R, R_first), expected, atol=1e-7)
 
 
 @given(head_rotations(), head_rotations(), rotation_vectors())

@@ -319,7 +319,11 @@ def evaluate(
     V = transposed_product(ray, R)
     for r in range(3):
         V[r, 1], V[r, 2] = -V[r, 1], -V[r, 2]
-    tilt, pan, J_angles = view_angles(V)
+    tilt, pan, by_ray = view_angles(V)
+    J_angles = np.empty((2, 3))  # by a rotation vector in camera axes
+    for k in range(2):
+        for r in range(3):
+            J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
     terms = polynomial(tilt, pan, limit)
     linearize_landmarks(maps, cell, root, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
     energy = add_prior(R, t, a, prior, H, G)
@@ -336,7 +340,7 @@ def evaluate(
             for r in range(STATE):
                 B[i, k, r] = J[i, k, r]
             for r in range(3):
-                B[i, 2 + k, r] = J_angles[k, 0] * ray[r, 0] + J_angles[k, 1] * ray[r, 1] + J_angles[k, 2] * ray[r, 2]
+                B[i, 2 + k, r] = J_angles[k, r]
         add_landmark(M[i], g[i], B[i], w[i], H, G)
     for r in range(STATE):
         for c in range(r):
