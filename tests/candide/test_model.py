@@ -91,6 +91,16 @@ def test_tracked_units_in_their_order() -> None:
     np.testing.assert_array_equal(model.animation_units[1], jaw)
 
 
+def test_a_whole_brow_is_its_two_halves() -> None:
+    whole = MODEL.with_whole_brows()
+    inner, outer = (MODEL.animation_unit_names.index(name) for name in ("inner_brow_raiser", "outer_brow_raiser"))
+    alpha, both = np.zeros((2, len(MODEL.animation_unit_names)))
+    alpha[outer], both[[inner, outer]] = 0.7, 0.7
+    np.testing.assert_allclose(whole.vertices(alpha=alpha), MODEL.vertices(alpha=both), atol=1e-12)
+    without = MODEL.with_units()  # has no inner half
+    assert without.with_whole_brows() is without
+
+
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(MienError, match="ear_wiggler"):
         MODEL.with_units(("ear_wiggler",))

@@ -59,6 +59,21 @@ def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
     assert variance.min() >= 0.9 * tracker.settings.location_sd**2
 
 
+def test_what_an_expression_moves_says_less() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    level = tracker.face.fine
+    rest = tracker._misplaced(level)
+    raised = tracker.pose.animation.copy()
+    raised[TRACKED_UNITS.index("outer_brow_raiser")] += 1
+    tracker.pose = replace(tracker.pose, animation=raised)
+    more = (tracker._misplaced(level) - rest)[:, 0]
+    brow, nose = LANDMARK_NAMES.index("left_brow_outer"), LANDMARK_NAMES.index("nose_tip")
+    pixels = tracker.settings.unit_error * 0.176 * level.descriptor.pixels_per_unit  # CANDIDE: (0.022, 0.174, -0.022)
+    assert np.sqrt(more[brow]) == pytest.approx(pixels, rel=0.1)
+    assert more[nose] == pytest.approx(0, abs=0.05 * more[brow])
+
+
 def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
     """The same frame, over and over, fits ever better; the scale of the robust weights stays above its floor."""
     tracker = RealtimeTracker(RealtimeSettings(expectation_rate=0.3))

@@ -84,6 +84,16 @@ class Candide:
         rows = [self.animation_unit_names.index(n) for n in names]
         return replace(self, animation_unit_names=names, animation_units=self.animation_units[rows])
 
+    def with_whole_brows(self) -> Candide:
+        """The same model, with the inner brow raiser (AU1) added to the outer one (AU2), where it has both: one muscle
+        lifts the whole brow, and few people can move a half of it."""
+        outer, inner = "outer_brow_raiser", "inner_brow_raiser"
+        if not {outer, inner} <= set(self.animation_unit_names):
+            return self
+        units = self.animation_units.copy()
+        units[self.animation_unit_names.index(outer)] += units[self.animation_unit_names.index(inner)]
+        return replace(self, animation_units=units)
+
     def turned(self, R: Array) -> Candide:
         """The same face in other axes: every vertex and unit multiplied by a rotation R (3, 3)."""
         return replace(

@@ -147,7 +147,7 @@ class RealtimeTracker:
         landmarks.check(frame.width, frame.height)
         self.camera = camera
         self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy], dtype=float)
-        self.fit = fit_first_frame(landmarks, camera, self.model)
+        self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
         self.face = learn_face(frame, landmarks, self.fit, camera, VERTICES, s)
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
@@ -361,12 +361,21 @@ class RealtimeTracker:
             root=view.level.descriptor.root,
             person=(self.neutral, self.units),
             appearance=(appearance.coefficients, self.adapted, appearance.U, appearance.gain,
-                        appearance.inverse_floor, appearance.limit, self.variance),
+                        appearance.inverse_floor, appearance.limit, self._misplaced(view.level)),
             active=view.facing.astype(np.float64),
             scale=self.tolerance * self.expected,
             prior=self._prior(predicted),
             view=view.geometry,
         )  # fmt: skip
+
+    def _misplaced(self, level: Level) -> Array:
+        """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
+        units do. The last frame says how far they moved it: in this frame's guess an error would excuse itself."""
+        moved = (self.pose.animation - self.fit.animation) @ self.units.reshape(6, -1)
+        error = self.settings.unit_error * level.descriptor.pixels_per_unit * moved.reshape(-1, 3)
+        variance = self.variance.copy()
+        variance[:, :2] += (error * error).sum(axis=1, keepdims=True)
+        return variance
 
     def _learn(self, solution: Solution) -> None:
         s = self.settings
