@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 from mien.appearance.regression import PoseRegression
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence, Truth
@@ -110,6 +110,14 @@ class FittedAxes(RealtimeTracker):
             return super().initialize(frame, landmarks, camera)
 
 
+class HalfBrows(RealtimeTracker):
+    """A raised brow is raised outside alone, as CANDIDE's unit has it."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        with patch.object(Candide, "with_whole_brows", lambda model: model):
+            return super().initialize(frame, landmarks, camera)
+
+
 class Unmoved(RealtimeTracker):
     """The motion since the last frame is not measured: the prediction stays where velocity puts it."""
 
@@ -127,10 +135,13 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one Gaussian for all views, as in the paper": OneGaussian,
     "5x5 views, not 11x11": _set(views_per_angle=5),
     "no light in the views": _set(light_contrast=0),
+    "no closed eyes in the views": _set(blink_share=0),
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
     "shape not learned": _set(learn_shape=False),
+    "outer brows raised alone": HalfBrows,
+    "animation units believed entirely": _set(unit_error=0),
     "expressive frames teach the shape too": _set(expression_sd=1e6),
     "eyes at the depth of the rest": _set(eyes_sd=0),
     "landmarks weigh alike wherever they are found": _set(location_rate=0),

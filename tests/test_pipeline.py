@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -122,6 +123,57 @@ def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
     with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
         pipeline.read_camera(tmp_path / "c.json")
+
+
+class PatientTracker(StillTracker):
+    """Knows how often it has begun."""
+
+    def __init__(self, turn: int = 1, stops: bool = False) -> None:
+        self.turn, self.stops = turn, stops
+
+    def again(self) -> PatientTracker:
+        return PatientTracker(self.turn + 1, self.stops)
+
+    def _estimate(self, frame: Frame, status: Status) -> Estimate:
+        if self.stops and self.turn == 2 and frame.index == 3:
+            raise KeyboardInterrupt
+        return replace(super()._estimate(frame, status), confidence=0.25 * self.turn)
+
+
+def test_the_second_pass_begins_with_what_the_first_has_learned(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker())
+    heard: list[tuple[int, int | None]] = []
+    track = mien.track(
+        folder,
+        landmarks=known_portrait().landmarks,
+        passes=2,
+        save=tmp_path / "out",
+        progress=lambda e, total: heard.append((e.index, total)),
+    )
+    assert heard == [(index, 12) for index in (*range(6), *range(6))]
+    assert track.table["confidence"].to_pylist() == [0.5] * 6
+    assert mien.Track.read(tmp_path / "out").metadata["passes"] == 2
+
+
+def test_stopped_in_the_second_pass_the_first_is_kept(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker(stops=True))
+    with pytest.warns(MienWarning, match="stopped in the second pass"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=known_portrait().landmarks, passes=2, save=tmp_path / "out")
+    kept = mien.Track.read(tmp_path / "out")
+    assert kept.table["confidence"].to_pylist() == [0.25] * 6
+    assert kept.metadata["complete"]
+    assert kept.metadata["passes"] == 1
+
+
+def test_passes_that_cannot_be_had_are_refused(tracker: StillTracker, folder: Path) -> None:
+    with pytest.raises(MienError, match="learns nothing"):
+        mien.track(folder, landmarks=known_portrait().landmarks, passes=2)
+    with pytest.raises(MienError, match="0 passes"):
+        mien.track(folder, landmarks=known_portrait().landmarks, passes=0)
 
 
 def test_an_error_on_the_way_keeps_the_rows_and_says_so(

@@ -118,6 +118,9 @@ def track(
     plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png.")] = None,
     start: Start = None,
     end: End = None,
+    passes: Annotated[
+        int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
+    ] = 1,
     quiet: Quiet = False,
 ) -> None:
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
@@ -135,6 +138,7 @@ def track(
             fov_deg=fov,
             start=start,
             end=end,
+            passes=passes,
             progress=progress,
             save=output,
             overlay=overlay,

@@ -47,6 +47,13 @@ class FittedTracker(Protocol):
     def mesh(self, estimate: Estimate) -> Array | None: ...
 
 
+@runtime_checkable
+class RepeatableTracker(Protocol):
+    """A tracker that can begin again, with what it has learned."""
+
+    def again(self) -> Tracker: ...
+
+
 @dataclass(frozen=True)
 class Start:
     """All that tracking begins with; `frames` begins with the first frame."""
@@ -68,6 +75,7 @@ def track(
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
+    passes: int = 1,
     progress: Progress | None = None,
     save: str | Path | None = None,
     overlay: str | Path | None = None,
@@ -77,33 +85,69 @@ def track(
 
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
     camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
-    seconds. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`.
+    seconds. passes: 2 tracks a file twice, from the start with the shape of the face that the first time has taught:
+    more accurate, half as fast. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a
+    `.png`.
 
     When it is stopped (Ctrl-C, an error), what was tracked is written to `save` and `plot` before the
-    exception goes on; `complete` in NAME.json is then false. Raises MienError for bad input.
+    exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of the
+    first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
     begin = prepare(video, landmarks, camera, focal_px, fov_deg, start, end)
+    _check_passes(passes, begin.video, tracker, preset)
     total = expected_count(begin.video, start, end)
+    for turn in range(1, passes + 1):
+        if isinstance(tracker, RepeatableTracker) and turn > 1:
+            tracker = tracker.again()
+            begin = prepare(video, begin.landmarks, begin.camera, start=start, end=end)
+        result = _one_pass(
+            Pass(begin, preset, tracker, turn), files, total and total * passes, progress, turn == passes
+        )
+        files.write(result)
+    return result
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass of a tracker over its frames: the first, or one with what the pass before has learned."""
+
+    begin: Start
+    preset: str
+    tracker: Tracker
+    turn: int
+
+
+def _one_pass(this: Pass, files: Destination, total: int | None, progress: Progress | None, last: bool) -> Track:
+    """The track of one pass, of which only the last is drawn; where it is stopped, what it has is written, unless a
+    whole pass already is."""
     with Recorder(files.table) as recorder:
         try:
-            with drawing(files.overlay, tracker, begin.camera) as draw:
-                for frame, estimate in run(tracker, begin.frames, begin.landmarks, begin.camera):
+            with drawing(files.overlay if last else None, this.tracker, this.begin.camera) as draw:
+                for frame, estimate in run(this.tracker, this.begin.frames, this.begin.landmarks, this.begin.camera):
                     recorder.add(estimate)
                     draw(frame, estimate)
                     if progress is not None:
                         progress(estimate, total)
         except BaseException as error:
-            if recorder.count and files.table is not None:
+            if this.turn > 1 and files.table is not None:
+                warn(f"stopped in the second pass; {files.table} holds the first")
+            elif recorder.count and files.table is not None:
                 with suppress(MienError):  # what stopped it matters more than that its rows cannot be written
                     stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
-                    files.write(recorder.track(metadata(begin, preset, tracker, recorder, stopped)))
+                    files.write(recorder.track(metadata(this, recorder, stopped)))
                     warn(f"stopped after {recorder.count} frames, which are in {files.table}")
             raise
-        result = recorder.track(metadata(begin, preset, tracker, recorder))
-    files.write(result)
-    return result
+        return recorder.track(metadata(this, recorder))
+
+
+def _check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
+    """Raise MienError for passes that cannot be had."""
+    require(passes >= 1, f"{passes} passes over a video are none; give 1 or 2")
+    if passes > 1:
+        require(video.path is not None, f"{video.name} shows every frame once; more than one pass needs a file")
+        require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could begin with")
 
 
 def prepare(
@@ -235,11 +279,9 @@ def drawing(path: Path | None, tracker: Tracker, camera: Camera) -> Iterator[Cal
         yield lambda frame, estimate: writer.write(draw(frame, estimate, mesh(estimate), camera), frame.time)
 
 
-def metadata(
-    begin: Start, preset: str, tracker: Tracker, recorder: Recorder, stopped: str | None = None
-) -> Mapping[str, Any]:
+def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapping[str, Any]:
     """What is needed to get the same numbers again: the content of NAME.json."""
-    path = begin.video.path
+    begin, tracker, path = this.begin, this.tracker, this.begin.video.path
     values: dict[str, Any] = {
         "mien": __version__,
         "complete": stopped is None,
@@ -252,7 +294,8 @@ def metadata(
             "height": begin.first.height,
             "fps": begin.video.fps,
         },
-        "preset": preset,
+        "preset": this.preset,
+        "passes": this.turn,
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),

@@ -75,3 +75,16 @@ def test_rank_zero_is_the_floor_alone() -> None:
     learned = PoseRegression.learn(_values(_truth()) + _noise(), TERMS, EVERYWHERE, LIMIT, FLOOR, 0)
     assert learned.U.shape == (N, 0, 128)
     assert learned.inverse_floor == pytest.approx(1 / FLOOR)
+
+
+def test_changes_are_allowed_for_and_move_no_mean() -> None:
+    samples = _values(_truth())
+    blink = np.random.default_rng(2).normal(0, 0.3, (1, N, 128)).astype(np.float32)
+    plain = PoseRegression.learn(samples, TERMS, EVERYWHERE, LIMIT, FLOOR, RANK)
+    learned = PoseRegression.learn(samples, TERMS, EVERYWHERE, LIMIT, FLOOR, RANK, blink)
+    np.testing.assert_array_equal(learned.coefficients, plain.coefficients)
+    for i in range(N):
+        change = blink[0, i].astype(float)
+        along = learned.U[i] @ change
+        squared = change @ change / FLOOR + along**2 @ learned.gain[i]
+        assert squared == pytest.approx(change @ change / (FLOOR + change @ change), rel=0.01)

@@ -59,6 +59,25 @@ def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
     assert variance.min() >= 0.9 * tracker.settings.location_sd**2
 
 
+def test_a_second_pass_knows_the_relief() -> None:
+    """The first frame's relief is taken to be flatter than it is, and a second pass begins with what the turns of the
+    first have corrected."""
+    depths = face().landmarks.depths
+    assert depths is not None
+    flat = replace(face().landmarks, depths=0.7 * depths)
+
+    def mean_error(tracker: RealtimeTracker) -> float:
+        first, *others = sequence().frames
+        estimates = [tracker.initialize(first, flat, face().camera), *(tracker.track(f) for f in others)]
+        return float(errors_deg(estimates, sequence()).mean())
+
+    tracker = RealtimeTracker()
+    before = mean_error(tracker)
+    learned = tracker.shape.mean()
+    assert mean_error(tracker.again()) < 0.75 * before
+    np.testing.assert_array_equal(tracker.shape.mean(), learned)  # the second learns on its own
+
+
 def test_what_an_expression_moves_says_less() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)

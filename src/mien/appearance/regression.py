@@ -33,11 +33,19 @@ class PoseRegression:
 
     @classmethod
     def learn(
-        cls, samples: Float32, terms: Float32, visible: NDArray[np.bool_], limit: float, floor: float, rank: int
+        cls,
+        samples: Float32,
+        terms: Float32,
+        visible: NDArray[np.bool_],
+        limit: float,
+        floor: float,
+        rank: int,
+        changes: Float32 | None = None,
     ) -> PoseRegression:
         """Least squares over the views in which a landmark is visible.
 
-        samples: (views, n, 128); terms: (views, p); visible: (views, n).
+        samples: (views, n, 128); terms: (views, p); visible: (views, n); changes: (k, n, 128) what else may come to a
+        descriptor; the sum of their squares goes into the covariance, and nothing of them into the mean.
         """
         n = samples.shape[1]
         # A landmark that is visible in too few views for its coefficients uses them all.
@@ -47,6 +55,8 @@ class PoseRegression:
         coefficients = np.linalg.solve(A, b)
         residual = samples - np.einsum("vp,npc->vnc", terms, coefficients, optimize=True)
         residual = np.swapaxes(residual * np.sqrt(weight / weight.sum(axis=0))[:, :, None], 0, 1)
+        if changes is not None:
+            residual = np.concatenate([residual, np.swapaxes(changes, 0, 1)], axis=1)
         _, singular, Vt = np.linalg.svd(residual.astype(np.float32), full_matrices=False)
         variance = singular[:, :rank].astype(np.float64) ** 2
         return cls(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from mien.appearance.crop import Crop, blurred
 from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
+from mien.appearance.eyelids import close_eye
 from mien.appearance.regression import PoseRegression
-from mien.appearance.rendering import render, vertex_normals
+from mien.appearance.rendering import Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
 from mien.appearance.texture import texture_of_vertices
 from mien.appearance.views import CENTRE, crop_of_face, rotation
@@ -18,12 +20,15 @@ from mien.config import DescriptorSettings, RealtimeSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.kernels import polynomial
 from mien.video import Frame
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
+_EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
+_BLINK, _BLINK_VIEWS = (1.0, 0.5), 4
+"""How far the eyes are closed, in turn, and that every so many views are drawn with closed eyes too."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,8 @@ def learn_face(
     surface = face_surface(landmarks, fit, camera)
     points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
     normals = _normals_at(points, surface, camera) @ fit.R
-    posed = _PosedFace(frame, surface, (points - fit.t) @ fit.R, normals, fit, camera)
+    blinks = tuple(_blinking(frame, camera.project(points)[0], share) for share in _BLINK)
+    posed = _PosedFace(frame, blinks, surface, (points - fit.t) @ fit.R, normals, fit, camera)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = (_patches_on(surface, points, fit, camera, settings) - points[:, None]) @ fit.R
@@ -67,9 +73,10 @@ def learn_face(
 
 @dataclass(frozen=True)
 class _PosedFace:
-    """The first frame's face: points and normals (n, 3) in head axes."""
+    """The first frame's face: points and normals (n, 3) in head axes; the frame as it is, and with the eyes closed."""
 
     frame: Frame
+    blinks: tuple[Frame, ...]
     surface: Surface
     points: Array
     normals: Array
@@ -80,7 +87,7 @@ class _PosedFace:
 def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -> Level:
     fit, triangles = face.fit, face.surface.triangles
     distance = float(fit.t[2])
-    texture = texture_of_vertices(face.frame, face.surface.vertices, distance, face.camera, d.pixels_per_unit)
+    texture, *closed = (_texture(face, frame, d.pixels_per_unit) for frame in (face.frame, *face.blinks))
     head = (face.surface.vertices - fit.t) @ fit.R
     size = round(CROP_UNITS * d.pixels_per_unit)
     # The head stands on the optical axis: what a view shows depends on the ray to the head, not on its place.
@@ -89,20 +96,41 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     limit = float(np.radians(s.view_limit_deg))
     normals = vertex_normals(head, triangles)
     rng = np.random.default_rng(0)
-    samples, terms, visible = [], [], []
-    for tilt, pan in product(np.linspace(-limit, limit, s.views_per_angle), repeat=2):
+    samples, terms, visible, changes = [], [], [], []
+    for k, (tilt, pan) in enumerate(product(np.linspace(-limit, limit, s.views_per_angle), repeat=2)):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
         light = None if s.light_contrast == 0 else random_light(normals @ R.T, s.light_contrast, rng)
-        image = render(head @ R.T + t, triangles, texture, view, size, size, background, light).image[:, :, 0]
         points = face.points @ R.T + t
-        maps = orientation_maps(blurred(image, d.blur), d.cell)
-        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
-        samples.append(describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0])
+        looks = []
+        for shown in (texture, *([closed[k // _BLINK_VIEWS % len(closed)]] if k % _BLINK_VIEWS == 0 else [])):
+            image = render(head @ R.T + t, triangles, shown, view, size, size, background, light).image[:, :, 0]
+            maps = orientation_maps(blurred(image, d.blur), d.cell)
+            # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
+            looks.append(describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0])
+        samples.append(looks[0])
+        changes += [look - looks[0] for look in looks[1:]]
         terms.append(polynomial(tilt, pan, limit)[0])
         visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
-    appearance = PoseRegression.learn(np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank)
+    blinks = np.array(changes) * np.float32(math.sqrt(s.blink_share / len(changes)))
+    appearance = PoseRegression.learn(
+        np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, blinks
+    )
     return Level(d, size, appearance)
+
+
+def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
+    """The surface with the first frame on it, or a frame made from it."""
+    return texture_of_vertices(frame, face.surface.vertices, float(face.fit.t[2]), face.camera, pixels_per_unit)
+
+
+def _blinking(frame: Frame, points: Array, share: float) -> Frame:
+    """The frame with both eyes, of the landmarks' image points (n, 2), closed by a share of their opening."""
+    pixels = frame.pixels
+    for side in ("right", "left"):
+        outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in _EYE)
+        pixels = close_eye(pixels, np.array([outer, inner]), np.array([upper, lower]), share)
+    return replace(frame, pixels=pixels)
 
 
 def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -136,10 +137,20 @@ class View:
 class RealtimeTracker:
     """Bayesian tracker with a pose-dependent appearance and a shape that is learned while tracking."""
 
-    def __init__(self, settings: RealtimeSettings | None = None, model: Candide | None = None) -> None:
-        """model: the face model, the package's own unless given; see `fit_first_frame`."""
+    def __init__(
+        self,
+        settings: RealtimeSettings | None = None,
+        model: Candide | None = None,
+        known_shape: ShapePosterior | None = None,
+    ) -> None:
+        """model: the face model, the package's own unless given; see `fit_first_frame`. known_shape: see `again`."""
         self.settings = settings or RealtimeSettings()
         self.model = model
+        self.known_shape = known_shape
+
+    def again(self) -> RealtimeTracker:
+        """A new tracker for the same frames, which begins with the shape that this one has learned from them."""
+        return RealtimeTracker(self.settings, self.model, self.shape)
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its landmarks."""
@@ -151,8 +162,9 @@ class RealtimeTracker:
         self.face = learn_face(frame, landmarks, self.fit, camera, VERTICES, s)
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
-        self.neutral = self.face.neutral
-        self.shape = ShapePosterior(self.neutral, _EYES, self.fit.R, self.fit.t, s)
+        first_look = ShapePosterior(self.face.neutral, _EYES, self.fit.R, self.fit.t, s)
+        self.shape = first_look if self.known_shape is None else deepcopy(self.known_shape)
+        self.neutral = self.shape.mean()
         n = len(VERTICES)
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)

@@ -41,6 +41,10 @@ class ShapePosterior:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
         self.information += Lambda
         self.vector += Lambda @ (neutral - self.start).ravel() - gradient
+        return self.mean()
+
+    def mean(self) -> Array:
+        """The landmarks' positions (n, 3) that are most likely now."""
         mean: Array = self.start + np.linalg.solve(self.information, self.vector).reshape(-1, 3)
         return mean
 
