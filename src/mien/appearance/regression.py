@@ -57,11 +57,13 @@ class PoseRegression:
         residual = np.swapaxes(residual * np.sqrt(weight / weight.sum(axis=0))[:, :, None], 0, 1)
         if changes is not None:
             residual = np.concatenate([residual, np.swapaxes(changes, 0, 1)], axis=1)
-        _, singular, Vt = np.linalg.svd(residual.astype(np.float32), full_matrices=False)
-        variance = singular[:, :rank].astype(np.float64) ** 2
+        residual = residual.astype(np.float64)
+        variance, directions = np.linalg.eigh(np.swapaxes(residual, 1, 2) @ residual)
+        variance = np.maximum(variance[:, ::-1][:, :rank], 0)  # the leading ones
+        directions = np.swapaxes(directions, 1, 2)[:, ::-1][:, :rank]
         return cls(
             coefficients.astype(np.float32),
-            np.ascontiguousarray(Vt[:, :rank]),
+            np.ascontiguousarray(directions, dtype=np.float32),
             (1 / (variance + floor) - 1 / floor).astype(np.float32),
             np.full(n, 1 / floor, np.float32),
             limit,
