@@ -97,14 +97,13 @@ def track(
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
     begin = prepare(video, landmarks, camera, focal_px, fov_deg, start, end)
     _check_passes(passes, begin.video, tracker, preset)
-    total = expected_count(begin.video, start, end)
+    count = expected_count(begin.video, start, end)
+    total = None if count is None else passes * count
     for turn in range(1, passes + 1):
-        if isinstance(tracker, RepeatableTracker) and turn > 1:
+        if turn > 1 and isinstance(tracker, RepeatableTracker):
             tracker = tracker.again()
             begin = prepare(video, begin.landmarks, begin.camera, start=start, end=end)
-        result = _one_pass(
-            Pass(begin, preset, tracker, turn), files, total and total * passes, progress, turn == passes
-        )
+        result = _one_pass(Pass(begin, preset, tracker, turn), files, total, progress, last=turn == passes)
         files.write(result)
     return result
 
@@ -144,7 +143,7 @@ def _one_pass(this: Pass, files: Destination, total: int | None, progress: Progr
 
 def _check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
     """Raise MienError for passes that cannot be had."""
-    require(passes >= 1, f"{passes} passes over a video are none; give 1 or 2")
+    require(passes in (1, 2), f"{passes} passes over a video; give 1 or 2")
     if passes > 1:
         require(video.path is not None, f"{video.name} shows every frame once; more than one pass needs a file")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could begin with")

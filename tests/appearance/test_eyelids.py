@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from mien.appearance.eyelids import close_eye
+from mien.geometry.rotation import Array
+from mien.video import Pixels
 
 CORNERS, LIDS = np.array([[40.0, 50.0], [80.0, 50.0]]), np.array([[60.0, 42.0], [60.0, 58.0]])
 SKIN, EYE = 200, 40
 
 
-def _open_eye() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def _open_eye() -> Pixels:
     """Skin with a dark opening between two parabolas."""
     y, x = np.mgrid[0:100, 0:120]
     arch = np.maximum(1 - ((x - 60) / 20) ** 2, 0)
@@ -40,9 +42,7 @@ def test_a_turned_picture_is_closed_alike(turns: int) -> None:
     image = _open_eye()[:100, 10:110]
     corners, lids = CORNERS - [10, 0], LIDS - [10, 0]
 
-    def turned(
-        points: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def turned(points: Array) -> Array:
         for _ in range(turns):
             points = np.column_stack([points[:, 1], 99 - points[:, 0]])
         return points

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.geometry.rotation import Array
+from mien.video import Pixels
 
 _MARGIN = 0.8
 """Half of the side of the square that is drawn anew, in widths of the eye."""
@@ -18,7 +18,7 @@ _CREASE = 1.0
 """Height over the upper lid of the skin that is stretched, in openings of the eye."""
 
 
-def close_eye(pixels: NDArray[np.uint8], corners: Array, lids: Array, share: float) -> NDArray[np.uint8]:
+def close_eye(pixels: Pixels, corners: Array, lids: Array, share: float) -> Pixels:
     """An image (h, w) or (h, w, 3) with the lid of one eye moved down by a share of the opening.
 
     corners (2, 2), lids (2, 2): image points of the corners, and of the middles of the upper and the lower lid. The

@@ -57,7 +57,6 @@ class PoseRegression:
         residual = np.swapaxes(residual * np.sqrt(weight / weight.sum(axis=0))[:, :, None], 0, 1)
         if changes is not None:
             residual = np.concatenate([residual, np.swapaxes(changes, 0, 1)], axis=1)
-        residual = residual.astype(np.float64)
         variance, directions = np.linalg.eigh(np.swapaxes(residual, 1, 2) @ residual)
         variance = np.maximum(variance[:, ::-1][:, :rank], 0)  # the leading ones
         directions = np.swapaxes(directions, 1, 2)[:, ::-1][:, :rank]

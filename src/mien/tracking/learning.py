@@ -63,7 +63,8 @@ def learn_face(
     surface = face_surface(landmarks, fit, camera)
     points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
     normals = _normals_at(points, surface, camera) @ fit.R
-    blinks = tuple(_blinking(frame, camera.project(points)[0], share) for share in _BLINK)
+    pixels = camera.project(points)[0]
+    blinks = tuple(_blinking(frame, pixels, share) for share in _BLINK)
     posed = _PosedFace(frame, blinks, surface, (points - fit.t) @ fit.R, normals, fit, camera)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
@@ -102,9 +103,12 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         t = np.array([0, 0, distance]) - R @ CENTRE
         light = None if s.light_contrast == 0 else random_light(normals @ R.T, s.light_contrast, rng)
         points = face.points @ R.T + t
+        shown = [texture]
+        if k % _BLINK_VIEWS == 0:
+            shown.append(closed[k // _BLINK_VIEWS % len(closed)])
         looks = []
-        for shown in (texture, *([closed[k // _BLINK_VIEWS % len(closed)]] if k % _BLINK_VIEWS == 0 else [])):
-            image = render(head @ R.T + t, triangles, shown, view, size, size, background, light).image[:, :, 0]
+        for picture in shown:
+            image = render(head @ R.T + t, triangles, picture, view, size, size, background, light).image[:, :, 0]
             maps = orientation_maps(blurred(image, d.blur), d.cell)
             # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
             looks.append(describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0])
