@@ -9,7 +9,7 @@ from mien.candide.model import Candide
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
 from mien.initialization.fit import FirstFrame, _Problem, fit_first_frame, most_likely_facing, tracked_model
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, rows_of_scheme
 
 CAMERA = Camera(280, 159.5, 119.5)
 MODEL, PRIOR = tracked_model(Candide.default())
@@ -26,13 +26,11 @@ def _pose(seed: int) -> tuple[Array, Array]:
 def _projected(shape: Array, animation: Array, R: Array, t: Array, scheme: str, deep: bool = False) -> Landmarks:
     """Landmarks of a face in a pose; points that belong to no vertex lie at the origin."""
     count = COUNTS[scheme]
-    rows = np.arange(count)[:, None] * np.ones(2)
-    vertices, picked, _ = Landmarks(rows, scheme).correspondences()
+    vertices, rows = rows_of_scheme(scheme)
     X = (shape + np.tensordot(animation, MODEL.animation_units, axes=1))[vertices] @ R.T + t
     points, depths = np.zeros((count, 2)), np.zeros(count)
-    at = picked[:, 0].astype(int)
-    points[at] = CAMERA.project(X)[0]
-    depths[at] = (X[:, 2] - t[2]) * CAMERA.focal_px / t[2]
+    points[rows] = CAMERA.project(X)[0][:, None]
+    depths[rows] = ((X[:, 2] - t[2]) * CAMERA.focal_px / t[2])[:, None]
     return Landmarks(points, scheme, depths if deep else None)
 
 

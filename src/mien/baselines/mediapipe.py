@@ -17,7 +17,7 @@ from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp, log
 from mien.initialization.detector import read_faces, silenced
-from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.video import Frame
 
@@ -53,8 +53,8 @@ class MediaPipeTracker:
         if points is None:
             return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
         X = back_project(points, camera)
-        vertices, rows = _candide_pairs(points)
-        scale, R, t = similarity(self._model[vertices], X[rows])
+        vertices, rows = rows_of_scheme("mediapipe478")
+        scale, R, t = similarity(self._model[vertices], X[rows].mean(axis=1))
         self._shape = (X - t) @ R / scale
         self._R, self._t = R, t / scale
         return self._estimate(frame, points, Status.INITIALIZED)
@@ -69,8 +69,9 @@ class MediaPipeTracker:
 
     def _estimate(self, frame: Frame, points: Array, status: Status) -> Estimate:
         assert self._shape is not None
-        names, rows = _named_rows(points)
-        seen = TrackedLandmarks(names, points[rows, :2], self._shape[rows] @ self._R.T + self._t)
+        names, rows = _named_rows()
+        X = self._shape[rows].mean(axis=1) @ self._R.T + self._t
+        seen = TrackedLandmarks(names, points[rows, :2].mean(axis=1), X)
         return Estimate(
             frame.index,
             frame.time,
@@ -129,15 +130,8 @@ def solve_pnp(shape: Array, pixels: Array, camera: Camera, R: Array, t: Array) -
     return exp(rotation.ravel()), np.asarray(translation.ravel())
 
 
-def _candide_pairs(points: Array) -> tuple[Rows, Rows]:
-    """Vertices of CANDIDE and the rows of the 478 landmarks that belong to them."""
-    rows = np.column_stack([np.arange(len(points), dtype=float)] * 2)
-    vertices, at, _ = Landmarks(rows, "mediapipe478").correspondences()
-    return vertices, at[:, 0].astype(np.intp)
-
-
-def _named_rows(points: Array) -> tuple[tuple[str, ...], Rows]:
-    """Names of CANDIDE's landmarks and their rows among the 478."""
-    row_of = dict(zip(*(values.tolist() for values in _candide_pairs(points)), strict=True))
-    named = {name: row_of[v] for name, v in LANDMARK_VERTICES.items() if v in row_of}
-    return tuple(named), np.array(list(named.values()), dtype=np.intp)
+def _named_rows() -> tuple[tuple[str, ...], Rows]:
+    """Names of CANDIDE's landmarks, and the two of the 478 points (n, 2) in whose middle each lies."""
+    rows_of = dict(zip(*rows_of_scheme("mediapipe478"), strict=True))
+    names = tuple(name for name, v in LANDMARK_VERTICES.items() if v in rows_of)
+    return names, np.array([rows_of[LANDMARK_VERTICES[name]] for name in names])

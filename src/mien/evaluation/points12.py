@@ -5,7 +5,7 @@
 | outer and inner corner of the right eye | 36, 39 | 33, 133 |
 | inner and outer corner of the left eye | 42, 45 | 362, 263 |
 | tip of the nose, its base | 30, 33 | 4, 2 |
-| outer edges of the right and the left nostril | 31, 35 | 240, 460 |
+| under the right and the left nostril | 31, 35 | between 97 and 98, 326 and 327 |
 | right and left corner of the mouth | 48, 54 | 61, 291 |
 | middle of the outer upper and lower lip | 51, 57 | 0, 17 |
 
@@ -15,12 +15,10 @@ define. "Right" is the subject's.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import LANDMARK_VERTICES, rows_of_scheme
 
 POINT_NAMES = (
     "right_eye_outer_corner",
@@ -53,13 +51,14 @@ def points_of_scheme(points: Array, scheme: str) -> Array:
     """(n, k, 2) of a scheme of landmarks -> (n, 12, 2)."""
     if scheme == TWELVE:
         return points
-    rows = _rows(scheme, points.shape[1])
-    return points[:, [rows[LANDMARK_VERTICES[name]] for name in POINT_NAMES]]
+    vertices, rows = rows_of_scheme(scheme)
+    places = [vertices.tolist().index(LANDMARK_VERTICES[name]) for name in POINT_NAMES]
+    return np.asarray(points[:, rows[places]].mean(axis=2))
 
 
 def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
     """A name for each of the points of a scheme: that of the landmark of CANDIDE, or its number."""
-    vertices = {row: vertex for vertex, row in _rows(scheme, count).items()}
+    vertices = {a: v for v, (a, b) in zip(*(x.tolist() for x in rows_of_scheme(scheme)), strict=True) if a == b}
     names = {vertex: name for name, vertex in LANDMARK_VERTICES.items()}
     return tuple(names.get(vertices.get(i, -1), f"{scheme}_{i}") for i in range(count))
 
@@ -67,11 +66,3 @@ def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
 def outer_eye_distance(points12: Array) -> Array:
     """(n, 12, 2) -> (n,) pixels between the outer corners of the eyes."""
     return np.asarray(np.linalg.norm(points12[:, 0] - points12[:, 3], axis=-1))
-
-
-@cache
-def _rows(scheme: str, count: int) -> dict[int, int]:
-    """Vertex of CANDIDE -> row of the scheme."""
-    rows = Landmarks(np.column_stack([np.arange(count, dtype=float)] * 2), scheme)
-    vertices, points, _ = rows.correspondences()
-    return {int(v): int(p[0]) for v, p in zip(vertices, points, strict=True)}

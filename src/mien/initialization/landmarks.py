@@ -51,8 +51,9 @@ LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
 displacement, on every part that the six animation units move. `docs/method.md` gives the reasons."""
 LANDMARK_NAMES = tuple(LANDMARK_VERTICES)
 
-# Point of the annotation -> vertex of CANDIDE, for the points whose meaning both sides share.
-_IBUG68: dict[int, int] = {
+# Point of the annotation, or two whose middle it is -> vertex of CANDIDE, for what both sides mean the same by.
+_Pairs = Mapping[int | tuple[int, int], int]
+_IBUG68: _Pairs = {
     8: 10,  # chin
     17: 48, 19: 49, 21: 50, 22: 17, 24: 16, 26: 15,  # brows
     27: 94, 30: 5, 31: 59, 33: 6, 35: 26,  # nose
@@ -61,23 +62,32 @@ _IBUG68: dict[int, int] = {
     48: 64, 50: 66, 51: 7, 52: 33, 54: 31, 57: 8,  # outer lips
     60: 89, 62: 87, 64: 88, 66: 40,  # inner lips
 }  # fmt: skip
-_MEDIAPIPE478: dict[int, int] = {
+_MEDIAPIPE478: _Pairs = {
     152: 10,  # chin
     46: 48, 105: 49, 107: 50, 336: 17, 334: 16, 276: 15,  # brows
-    6: 94, 4: 5, 240: 59, 2: 6, 460: 26,  # nose
+    6: 94, 4: 5, (97, 98): 59, 2: 6, (326, 327): 26,  # nose
     33: 53, 133: 56, 362: 23, 263: 20,  # corners of the eyes
     159: 54, 145: 55, 386: 21, 374: 22,  # lids
     160: 98, 158: 106, 153: 108, 144: 100, 385: 105, 387: 97, 373: 99, 380: 107,
     61: 64, 37: 66, 0: 7, 267: 33, 291: 31, 17: 8,  # outer lips
     78: 89, 13: 87, 308: 88, 14: 40,  # inner lips
 }  # fmt: skip
-_CANDIDE26 = {i: v for i, v in enumerate(LANDMARK_VERTICES.values())}
-_SCHEMES: dict[str, tuple[int, dict[int, int]]] = {
+_CANDIDE26: _Pairs = {i: v for i, v in enumerate(LANDMARK_VERTICES.values())}
+_SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "candide26": (26, _CANDIDE26),
     "ibug68": (68, _IBUG68),
     "mediapipe478": (478, _MEDIAPIPE478),
 }
 SCHEMES = tuple(_SCHEMES)
+
+
+def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Vertices of CANDIDE (m,), and the two points (m, 2) of an annotation in whose middle each lies; mostly these are
+    the same point."""
+    pairs = _SCHEMES[scheme][1]
+    rows = [(row, row) if isinstance(row, int) else row for row in pairs]
+    return np.fromiter(pairs.values(), dtype=np.intp), np.array(rows, dtype=np.intp)
+
 
 MINIMUM_FACE_PX = 40.0
 
@@ -111,10 +121,9 @@ class Landmarks:
 
     def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:
         """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) where known."""
-        pairs = _SCHEMES[self.scheme][1]
-        rows = np.fromiter(pairs, dtype=np.intp)
-        vertices = np.fromiter(pairs.values(), dtype=np.intp)
-        return vertices, self.points[rows], None if self.depths is None else self.depths[rows]
+        vertices, rows = rows_of_scheme(self.scheme)
+        depths = None if self.depths is None else self.depths[rows].mean(axis=1)
+        return vertices, self.points[rows].mean(axis=1), depths
 
     def check(self, width: int, height: int) -> None:
         """Refuse points outside the image and faces that are too small to track."""
