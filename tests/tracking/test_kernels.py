@@ -20,7 +20,8 @@ from strategies import rotation_vectors, rotations, vectors
 
 CAMERA = np.array([280.0, 159.5, 119.5])
 LINEAR, OFFSET = np.array([[0.9, 0.3], [-0.3, 0.9]]), np.array([-85.0, 15.0])
-N, RANK, CELL, LIMIT = 8, 5, 4, 0.7
+N, RANK, CELL = 8, 5, 4
+LIMIT = np.array([0.7, 1.4])
 ROOT = 0.01
 ANGLES = st.floats(-1.2, 1.2)
 FEW = settings(max_examples=40)
@@ -70,8 +71,8 @@ def test_view_angles_jacobian_against_differences(tilt: float, pan: float, roll:
 
 
 def test_polynomial_by_hand() -> None:
-    """At (0.35, -0.7) of 0.7: x = 1/2, y = -1; up to the third degree."""
-    terms = kernels.polynomial(0.35, -0.7, LIMIT)[0]
+    """At 0.35 of 0.7 and -1.4 of 1.4: x = 1/2, y = -1; up to the third degree."""
+    terms = kernels.polynomial(0.35, -1.4, LIMIT)[0]
     np.testing.assert_allclose(terms[:10], [1, 0.5, -1, 0.25, -0.5, 1, 0.125, -0.25, 0.5, -1], rtol=1e-6)
     assert len(terms) == kernels.POLYNOMIAL_TERMS
 
@@ -88,7 +89,7 @@ def test_polynomial_derivatives_against_differences(x: float, y: float) -> None:
 
 
 def test_polynomial_is_constant_past_the_limit() -> None:
-    at, past = kernels.polynomial(LIMIT, 0.2, LIMIT), kernels.polynomial(2 * LIMIT, 0.2, LIMIT)
+    at, past = kernels.polynomial(LIMIT[0], 0.2, LIMIT), kernels.polynomial(2 * LIMIT[0], 0.2, LIMIT)
     np.testing.assert_allclose(past[0], at[0])
     np.testing.assert_array_equal(past[1], 0)
     assert (past[2] != 0).any()

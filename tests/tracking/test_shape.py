@@ -45,8 +45,27 @@ def _neutral() -> Array:
     return np.asarray(face().fit.shape[list(LANDMARK_VERTICES.values())])
 
 
-def _prior() -> Array:
-    return prior_covariance(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
+def _rays() -> Array:
+    """Unit vectors (26, 3), head axes, from the camera of the first frame to the landmarks."""
+    fit = face().fit
+    rays = _neutral() @ fit.R.T + fit.t
+    return np.asarray((rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ fit.R)
+
+
+def _normals(slope_deg: float = 20.0) -> Array:
+    """Normals (26, 3) so far from the directions to the camera."""
+    across = np.cross(_rays(), [0.0, 1, 0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    angle = np.radians(slope_deg)
+    return np.asarray(-np.cos(angle) * _rays() + np.sin(angle) * across)
+
+
+def _prior(settings: RealtimeSettings = SETTINGS, slope_deg: float = 20.0) -> Array:
+    return prior_covariance(_neutral(), _normals(slope_deg), EYES, face().fit.R, face().fit.t, settings)
+
+
+def _posterior() -> ShapePosterior:
+    return ShapePosterior(_neutral(), _normals(), EYES, face().fit.R, face().fit.t, SETTINGS)
 
 
 def test_the_prior_is_a_covariance() -> None:
@@ -70,18 +89,31 @@ def test_the_first_frame_leaves_depth_open_and_little_else() -> None:
 
 def test_eyes_and_brows_may_stand_off_together() -> None:
     """The depth of their mean, less that of the others, is uncertain by `eyes_sd` more than without it."""
-    fit = face().fit
     contrast = np.where(EYES, 1 / EYES.sum(), -1 / (~EYES).sum())
-    rays = _neutral() @ fit.R.T + fit.t
-    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ fit.R
-    along = (contrast[:, None] * rays).ravel()
-    without = prior_covariance(_neutral(), EYES, fit.R, fit.t, RealtimeSettings(eyes_sd=0))
+    along = (contrast[:, None] * _rays()).ravel()
+    without = _prior(RealtimeSettings(eyes_sd=0))
     assert along @ (_prior() - without) @ along == pytest.approx(SETTINGS.eyes_sd**2)
+
+
+def test_a_slope_leaves_the_depth_more_uncertain() -> None:
+    """By its tangent, and no further than a slope of 6; seen in the middle of the face, where a landmark is its own
+    mirror image."""
+    middle = np.flatnonzero(np.abs(_neutral()[:, 0]) < 0.01)
+    assert len(middle) > 3
+
+    def own(slope_deg: float) -> Array:
+        prior = _prior(SETTINGS, slope_deg).reshape(26, 3, 26, 3)
+        return np.array([_rays()[k] @ prior[k, :, k] @ _rays()[k] for k in middle])
+
+    level = own(0.0)
+    np.testing.assert_allclose(own(60.0) - level, 3 * SETTINGS.slope_sd**2, rtol=0.01)
+    np.testing.assert_allclose(own(85.0) - level, 36 * SETTINGS.slope_sd**2, rtol=0.01)
+    np.testing.assert_allclose(own(120.0) - level, 36 * SETTINGS.slope_sd**2, rtol=0.01)
 
 
 def test_information_adds_up_to_least_squares() -> None:
     """A measurement of every coordinate, linearised anywhere, is weighed against the prior."""
-    posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
+    posterior = _posterior()
     rng = np.random.default_rng(9)
     measured = _neutral() + rng.normal(0, 0.05, (26, 3))
     weight = 1 / 0.02**2
@@ -96,13 +128,13 @@ def test_information_adds_up_to_least_squares() -> None:
 
 
 def test_poses_that_come_again_say_less_and_less() -> None:
-    posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
+    posterior = _posterior()
     first, second, third = (posterior.novelty(0.01, 0.02, 1.0) for _ in range(3))
     assert (second, third) == pytest.approx((first / 2, first / 3))
     assert posterior.novelty(0.01, 0.3, 1.0) == first
 
 
 def test_a_frame_that_teaches_little_leaves_the_rest_to_others() -> None:
-    posterior = ShapePosterior(_neutral(), EYES, face().fit.R, face().fit.t, SETTINGS)
+    posterior = _posterior()
     assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.shape_rate)
     assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.shape_rate / 1.1)

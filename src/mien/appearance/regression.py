@@ -22,14 +22,14 @@ class PoseRegression:
 
     coefficients: (n, p, 128) of the polynomial's p terms; U: (n, k, 128) leading eigenvectors of the residual
     covariance; gain: (n, k) such that `Sigma^-1 = I / floor + U^T diag(gain) U`; inverse_floor: (n,);
-    limit: radians up to which tilt and pan were seen.
+    limit: (2,) radians up to which tilt and pan were seen.
     """
 
     coefficients: Float32
     U: Float32
     gain: Float32
     inverse_floor: Float32
-    limit: float
+    limit: Array
 
     @classmethod
     def learn(
@@ -37,7 +37,7 @@ class PoseRegression:
         samples: Float32,
         terms: Float32,
         visible: NDArray[np.bool_],
-        limit: float,
+        limit: Array,
         floor: float,
         rank: int,
         changes: Float32 | None = None,

@@ -34,12 +34,13 @@ def view_angles(M: Any) -> Any:
 
 
 @kernel()
-def polynomial(tilt: float, pan: float, limit: float) -> Any:
-    """Terms (3, 15) of the quartic in tilt and pan (radians), and their two derivatives; constant past the limit."""
+def polynomial(tilt: float, pan: float, limit: Any) -> Any:
+    """Terms (3, 15) of the quartic in tilt and pan (radians), and their two derivatives; constant past the limits of
+    both (2,)."""
     out = np.empty((3, POLYNOMIAL_TERMS), np.float32)
-    x, y = min(max(tilt / limit, -1.0), 1.0), min(max(pan / limit, -1.0), 1.0)
-    dx = 1.0 / limit if abs(tilt) < limit else 0.0
-    dy = 1.0 / limit if abs(pan) < limit else 0.0
+    x, y = min(max(tilt / limit[0], -1.0), 1.0), min(max(pan / limit[1], -1.0), 1.0)
+    dx = 1.0 / limit[0] if abs(tilt) < limit[0] else 0.0
+    dy = 1.0 / limit[1] if abs(pan) < limit[1] else 0.0
     xs, ys = np.empty(DEGREE + 1), np.empty(DEGREE + 1)  # powers
     xs[0], ys[0] = 1.0, 1.0
     for k in range(DEGREE):

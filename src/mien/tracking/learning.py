@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from mien.appearance.crop import Crop, blurred
-from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
+from mien.appearance.descriptors import Float32, describe_with_jacobian, orientation_maps
 from mien.appearance.eyelids import close_eye
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import Texture, render, vertex_normals
@@ -29,6 +29,9 @@ CROP_UNITS = 1.75
 _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
 _BLINK, _BLINK_VIEWS = (1.0, 0.5), 4
 """How far the eyes are closed, in turn, and that every so many views are drawn with closed eyes too."""
+_LIT_VIEWS = 2
+"""Every so many views are drawn in another light too. What light changes is no matter of the mean: with a random light
+in each view, the mean would be as random."""
 
 
 @dataclass(frozen=True)
@@ -94,31 +97,34 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     # The head stands on the optical axis: what a view shows depends on the ray to the head, not on its place.
     view = Camera.centred(d.pixels_per_unit * distance, size, size)
     background = float(texture.image.mean())
-    limit = float(np.radians(s.view_limit_deg))
+    limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
+    evenly = np.linspace(-1, 1, s.views_per_angle)
+    angles = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
     normals = vertex_normals(head, triangles)
     rng = np.random.default_rng(0)
-    samples, terms, visible, changes = [], [], [], []
-    for k, (tilt, pan) in enumerate(product(np.linspace(-limit, limit, s.views_per_angle), repeat=2)):
+
+    def look(head: Array, points: Array, picture: Texture, light: Array | None = None) -> Float32:
+        image = render(head, triangles, picture, view, size, size, background, light).image[:, :, 0]
+        maps = orientation_maps(blurred(image, d.blur), d.cell)
+        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
+        return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0]
+
+    samples, terms, visible, blinks, lights = [], [], [], [], []
+    for k, (tilt, pan) in enumerate(product(*angles)):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
-        light = None if s.light_contrast == 0 else random_light(normals @ R.T, s.light_contrast, rng)
-        points = face.points @ R.T + t
-        shown = [texture]
+        posed = head @ R.T + t, face.points @ R.T + t
+        samples.append(look(*posed, texture))
         if k % _BLINK_VIEWS == 0:
-            shown.append(closed[k // _BLINK_VIEWS % len(closed)])
-        looks = []
-        for picture in shown:
-            image = render(head @ R.T + t, triangles, picture, view, size, size, background, light).image[:, :, 0]
-            maps = orientation_maps(blurred(image, d.blur), d.cell)
-            # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
-            looks.append(describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0])
-        samples.append(looks[0])
-        changes += [look - looks[0] for look in looks[1:]]
+            blinks.append(look(*posed, closed[k // _BLINK_VIEWS % len(closed)]) - samples[-1])
+        if k % _LIT_VIEWS == 0:
+            lights.append(look(*posed, texture, random_light(normals @ R.T, s.light_contrast, rng)) - samples[-1])
         terms.append(polynomial(tilt, pan, limit)[0])
-        visible.append(facing_cosine(points, face.normals @ R.T) > s.hidden_cosine)
-    blinks = np.array(changes) * np.float32(math.sqrt(s.blink_share / len(changes)))
+        visible.append(facing_cosine(posed[1], face.normals @ R.T) > s.hidden_cosine)
+    shares = ((blinks, s.blink_share), (lights, 1.0))
+    changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(
-        np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, blinks
+        np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
     )
     return Level(d, size, appearance)
 

@@ -31,15 +31,17 @@ from mien.tracking.uncertainty import confidence, familiarity, frame_variance, s
 from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
+_ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
+"""Vertices that are tracked beside the landmarks, after them: far apart, and away from eyes, which spectacles hide."""
+TRACKED_VERTICES = [*LANDMARK_VERTICES.values(), *_ANCHORS.values()]
 _JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
-_EYES = np.array(["eye" in name or "brow" in name for name in LANDMARK_NAMES])
+_EYES = np.array(["eye" in name or "brow" in name for name in (*LANDMARK_NAMES, *_ANCHORS)])
 _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
 _TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
-VERTICES = list(LANDMARK_VERTICES.values())
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,16 @@ class Solution:
         """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
         return np.asarray(self.facing & (self.d2 <= most))
 
+    @property
+    def telling(self) -> Array:
+        """Squared distances (m,) of what can be seen and tells a face from what is none: the landmarks without the
+        anchors, as plain skin looks like much else."""
+        n = len(LANDMARK_NAMES)
+        return np.asarray(self.d2[:n][self.facing[:n]])
+
     def share(self, most: float) -> float:
         """Share of the landmarks that can be seen whose squared distance is at most `most`."""
-        return float((self.d2[self.facing] <= most).mean()) if self.facing.sum() >= _LEAST_LANDMARKS else 0.0
+        return float((self.telling <= most).mean()) if len(self.telling) >= _LEAST_LANDMARKS else 0.0
 
     def misplacement(self, most: float) -> Array:
         """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
@@ -159,12 +168,14 @@ class RealtimeTracker:
         self.camera = camera
         self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy], dtype=float)
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
-        self.face = learn_face(frame, landmarks, self.fit, camera, VERTICES, s)
-        self.units = np.ascontiguousarray(self.fit.model.animation_units[:, VERTICES])
+        self.face = learn_face(frame, landmarks, self.fit, camera, TRACKED_VERTICES, s)
+        self.units = np.ascontiguousarray(self.fit.model.animation_units[:, TRACKED_VERTICES])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
-        self.shape = deepcopy(self.known_shape) or ShapePosterior(self.face.neutral, _EYES, self.fit.R, self.fit.t, s)
+        self.shape = deepcopy(self.known_shape) or ShapePosterior(
+            self.face.neutral, self.face.normals, _EYES, self.fit.R, self.fit.t, s
+        )
         self.neutral = self.shape.mean()
-        n = len(VERTICES)
+        n = len(TRACKED_VERTICES)
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
@@ -213,7 +224,7 @@ class RealtimeTracker:
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
-        familiar = familiarity(solution.d2[solution.facing], self.pose.R, self.first_rotation) > 0.5
+        familiar = familiarity(solution.telling, self.pose.R, self.first_rotation) > 0.5
         if familiar and solution.misfit(self.expected) < s.retry_distance:
             self._learn(solution)
             if self.keyframes.is_new(self.pose.R):
@@ -429,13 +440,14 @@ class RealtimeTracker:
 
     def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error."""
-        X = self._posed(self.pose)
+        n = len(LANDMARK_NAMES)
+        X = self._posed(self.pose)[:n]
         seen = solution.seen(self.settings.seen_distance)
-        distance = np.sqrt(solution.d2)
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen.astype(float), distance)
+        distance = np.sqrt(solution.d2[:n])
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
         share = float(seen.mean())
         covariance = state_covariance(solution.spread, solution.d2[seen], share, self.pose.R, self.first_rotation)
-        sure = confidence(covariance, solution.d2[solution.facing], share, self.pose.R, self.first_rotation)
+        sure = confidence(covariance, solution.telling, share, self.pose.R, self.first_rotation)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             sure, self.fit.mm_per_unit,

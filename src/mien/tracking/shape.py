@@ -14,15 +14,21 @@ from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
 from mien.tracking.state import Mask
 
+_STEEPEST = 6.0
+"""Slope of the surface beyond which its depth is no more uncertain."""
+
 
 class ShapePosterior:
     """Information form of a Gaussian over n landmarks' positions (n, 3), head axes, CANDIDE units."""
 
-    def __init__(self, neutral: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings) -> None:
-        """neutral (n, 3), and which of them belong to eyes and brows, eyes (n,); R, t: pose of the first frame."""
+    def __init__(
+        self, neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
+    ) -> None:
+        """neutral, normals (n, 3), and which of them belong to eyes and brows, eyes (n,); R, t: pose of the first
+        frame."""
         self.settings = settings
         self.start = neutral.copy()
-        covariance = prior_covariance(neutral, eyes, R, t, settings)
+        covariance = prior_covariance(neutral, normals, eyes, R, t, settings)
         self.information = np.linalg.inv(covariance)
         self.vector = np.zeros(neutral.size)
         self.seen: dict[tuple[int, int], float] = {}
@@ -74,20 +80,26 @@ def shape_information(B: Array, M: Array, g: Array, weight: Array, R: Array, reg
     return Lambda.reshape(3 * n, 3 * n) - Hsx.T @ A, gradient - A.T @ pose_gradient
 
 
-def prior_covariance(neutral: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings) -> Array:
+def prior_covariance(
+    neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
+) -> Array:
     """(3n, 3n): what the first frame leaves open. Along its rays much, across them little.
 
-    Depths err together where landmarks are near or mirror each other; the relief of the whole face may be too deep
-    or too flat; and eyes and brows may lie deeper than thought, or spectacles stand off before them.
+    Depths err together where landmarks are near or mirror each other, and more the steeper the surface is there; the
+    relief of the whole face may be too deep or too flat; and eyes and brows may lie deeper than thought, or spectacles
+    stand off before them.
     """
     n = len(neutral)
     rays = neutral @ R.T + t
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     rays = rays @ R  # head axes
+    cosine = np.clip(-(rays * normals).sum(axis=1), 0.0, 1.0)
+    slope = np.minimum(np.sqrt(1 - cosine**2) / np.maximum(cosine, 1e-3), _STEEPEST)
+    sd = np.hypot(settings.depth_sd, settings.slope_sd * slope)
     mirrored = neutral * [-1, 1, 1]
     together = 0.5 * proximity(neutral, neutral) + 0.35 * proximity(neutral, mirrored) + 0.15 * np.eye(n)
     relief = neutral[:, 2] - neutral[:, 2].mean()
-    depth = settings.depth_sd**2 * together + settings.relief_sd**2 * np.outer(relief, relief)
+    depth = together * np.outer(sd, sd) + settings.relief_sd**2 * np.outer(relief, relief)
     depth += settings.eyes_sd**2 * np.outer(eyes, eyes)
     across = settings.lateral_sd**2 * np.einsum("ij,kl->ikjl", np.eye(n), np.eye(3))
     along = np.einsum("ij,ik,jl->ikjl", depth, rays, rays)
