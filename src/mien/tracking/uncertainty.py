@@ -15,20 +15,20 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.17
+NOISE_SCALE = 0.18
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-TURN_SD = 0.023
+TURN_SD = 0.02
 """Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-AXES_SD = np.radians([2.2, 1.5, 0.0])
+AXES_SD = np.radians([2.1, 1.4, 0.0])
 """Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-10.77, -1.183, 8.5)
+_CONFIDENCE = (-10.2, -1.183, 8.5)
 """Bias, weight of the logarithm of the spread, and of the share that is seen; the last is a little more than the best
 fit (6), since the sequences hold few frames with nearly everything hidden, and such a frame must not be believed."""
-_STRANGER = (42.0, 18.0, 2.5)
+_STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
