@@ -27,8 +27,8 @@ from mien.evaluation.scores import Score, pooled_errors
 from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
-from mien.initialization.landmarks import Landmarks
-from mien.tracking import learning
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.tracking import learning, realtime
 from mien.tracking.realtime import Prediction, RealtimeTracker, View
 from mien.tracking.state import Estimate
 from mien.video import Frame, open_video
@@ -118,6 +118,15 @@ class HalfBrows(RealtimeTracker):
             return super().initialize(frame, landmarks, camera)
 
 
+class WithoutAnchors(RealtimeTracker):
+    """The 26 landmarks alone."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        n = len(LANDMARK_NAMES)
+        with patch.multiple(realtime, TRACKED_VERTICES=realtime.TRACKED_VERTICES[:n], _EYES=realtime._EYES[:n]):
+            return super().initialize(frame, landmarks, camera)
+
+
 class Unmoved(RealtimeTracker):
     """The motion since the last frame is not measured: the prediction stays where velocity puts it."""
 
@@ -133,13 +142,16 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "full": RealtimeTracker,
     "appearance from the front only": FrontalAppearance,
     "one Gaussian for all views, as in the paper": OneGaussian,
-    "5x5 views, not 11x11": _set(views_per_angle=5),
+    "5x5 views, not 10x10": _set(views_per_angle=5),
+    "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
     "no light in the views": _set(light_contrast=0),
     "no closed eyes in the views": _set(blink_share=0),
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
     "shape not learned": _set(learn_shape=False),
+    "no anchors beside the 26 landmarks": WithoutAnchors,
+    "depth as certain on a slope as elsewhere": _set(slope_sd=0),
     "outer brows raised alone": HalfBrows,
     "animation units believed entirely": _set(unit_error=0),
     "expressive frames teach the shape too": _set(expression_sd=1e6),

@@ -25,7 +25,7 @@ AXES_SD = np.radians([2.1, 1.4, 0.0])
 """Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-10.2, -1.183, 8.5)
+_CONFIDENCE = (-10.77, -1.183, 8.5)
 """Bias, weight of the logarithm of the spread, and of the share that is seen; the last is a little more than the best
 fit (6), since the sequences hold few frames with nearly everything hidden, and such a frame must not be believed."""
 _STRANGER = (43.0, 3.0, 2.5)
