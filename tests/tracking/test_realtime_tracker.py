@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown, with_spectacles
+from mien.appearance.regression import PoseRegression
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.errors import MienError
@@ -44,6 +45,18 @@ def test_spectacles_are_followed() -> None:
     errors = errors_deg(run(RealtimeTracker(), with_spectacles()), with_spectacles())
     assert errors.mean() < 1.5
     assert errors.max() < 3.2
+
+
+def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
+    def learned(light_contrast: float) -> PoseRegression:
+        tracker = RealtimeTracker(RealtimeSettings(light_contrast=light_contrast))
+        tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+        return tracker.face.fine.appearance
+
+    dark, lit = learned(0.0), learned(0.6)
+    np.testing.assert_array_equal(dark.coefficients, lit.coefficients)
+    variance = [1 / (1e3 + a.gain) for a in (dark, lit)]  # I / floor + U^T diag(gain) U, the floor being 1e-3
+    assert (variance[1] > variance[0]).mean() > 0.9
 
 
 def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
