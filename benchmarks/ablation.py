@@ -27,7 +27,7 @@ from mien.evaluation.scores import Score, pooled_errors
 from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
 from mien.tracking import learning, realtime
 from mien.tracking.realtime import Prediction, RealtimeTracker, View
 from mien.tracking.state import Estimate
@@ -122,8 +122,7 @@ class WithoutAnchors(RealtimeTracker):
     """The 26 landmarks alone."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        n = len(LANDMARK_NAMES)
-        with patch.multiple(realtime, TRACKED_VERTICES=realtime.TRACKED_VERTICES[:n], _EYES=realtime._EYES[:n]):
+        with patch.object(realtime, "TRACKED", LANDMARK_VERTICES):
             return super().initialize(frame, landmarks, camera)
 
 

@@ -52,10 +52,12 @@ def test_truth_follows_the_states(face: Portrait) -> None:
 
 def test_only_the_head_moves(face: Portrait) -> None:
     angles = np.array([[0.0, 0, 0], [0, 5, 0]])
-    first, second = make_sequence(face, moved(face, angles, np.zeros((2, 3)), np.zeros((2, 6)))).frames
+    sequence = make_sequence(face, moved(face, angles, np.zeros((2, 3)), np.zeros((2, 6))))
+    first, second = sequence.frames
     changed = np.abs(first.pixels.astype(int) - second.pixels).max(axis=2)
     assert changed[:60, :30].max() <= 1
-    assert changed[80:160, 120:200].mean() > 4
+    (left, top), (right, bottom) = (f(sequence.landmarks[0], axis=0).round().astype(int) for f in (np.min, np.max))
+    assert changed[top:bottom, left:right].mean() > 6
 
 
 def test_disturbances_are_where_they_were_asked_for(face: Portrait) -> None:

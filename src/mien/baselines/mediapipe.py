@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp, log
 from mien.initialization.detector import read_faces, silenced
-from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
+from mien.initialization.landmarks import Landmarks, rows_by_name, rows_of_scheme
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.video import Frame
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install 'mien[auto]' (Python 3.10 to 3.12)"
 NO_FACE = "MediaPipe sees no face"
-
-Rows = NDArray[np.intp]
 
 
 class MediaPipeTracker:
@@ -44,6 +41,8 @@ class MediaPipeTracker:
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None
+        rows = rows_by_name("mediapipe478")
+        self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Find the face, and take its landmarks with their depths as the mesh."""
@@ -69,9 +68,8 @@ class MediaPipeTracker:
 
     def _estimate(self, frame: Frame, points: Array, status: Status) -> Estimate:
         assert self._shape is not None
-        names, rows = _named_rows()
-        X = self._shape[rows].mean(axis=1) @ self._R.T + self._t
-        seen = TrackedLandmarks(names, points[rows, :2].mean(axis=1), X)
+        X = self._shape[self._rows].mean(axis=1) @ self._R.T + self._t
+        seen = TrackedLandmarks(self._names, points[self._rows, :2].mean(axis=1), X)
         return Estimate(
             frame.index,
             frame.time,
@@ -128,10 +126,3 @@ def solve_pnp(shape: Array, pixels: Array, camera: Camera, R: Array, t: Array) -
         cv2.SOLVEPNP_ITERATIVE,
     )
     return exp(rotation.ravel()), np.asarray(translation.ravel())
-
-
-def _named_rows() -> tuple[tuple[str, ...], Rows]:
-    """Names of CANDIDE's landmarks, and the two of the 478 points (n, 2) in whose middle each lies."""
-    rows_of = dict(zip(*rows_of_scheme("mediapipe478"), strict=True))
-    names = tuple(name for name, v in LANDMARK_VERTICES.items() if v in rows_of)
-    return names, np.array([rows_of[LANDMARK_VERTICES[name]] for name in names])

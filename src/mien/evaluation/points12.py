@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import LANDMARK_VERTICES, rows_of_scheme
+from mien.initialization.landmarks import rows_by_name
 
 POINT_NAMES = (
     "right_eye_outer_corner",
@@ -51,16 +51,14 @@ def points_of_scheme(points: Array, scheme: str) -> Array:
     """(n, k, 2) of a scheme of landmarks -> (n, 12, 2)."""
     if scheme == TWELVE:
         return points
-    vertices, rows = rows_of_scheme(scheme)
-    places = [vertices.tolist().index(LANDMARK_VERTICES[name]) for name in POINT_NAMES]
-    return np.asarray(points[:, rows[places]].mean(axis=2))
+    rows = rows_by_name(scheme)
+    return np.asarray(points[:, [rows[name] for name in POINT_NAMES]].mean(axis=2))
 
 
 def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
     """A name for each of the points of a scheme: that of the landmark of CANDIDE, or its number."""
-    vertices = {a: v for v, (a, b) in zip(*(x.tolist() for x in rows_of_scheme(scheme)), strict=True) if a == b}
-    names = {vertex: name for name, vertex in LANDMARK_VERTICES.items()}
-    return tuple(names.get(vertices.get(i, -1), f"{scheme}_{i}") for i in range(count))
+    names = {int(a): name for name, (a, b) in rows_by_name(scheme).items() if a == b}
+    return tuple(names.get(i, f"{scheme}_{i}") for i in range(count))
 
 
 def outer_eye_distance(points12: Array) -> Array:

@@ -89,6 +89,12 @@ def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.fromiter(pairs.values(), dtype=np.intp), np.array(rows, dtype=np.intp)
 
 
+def rows_by_name(scheme: str) -> dict[str, NDArray[np.intp]]:
+    """The same two points (2,) of an annotation by the landmark that they are, for those of the 26 that it has."""
+    rows = dict(zip(*rows_of_scheme(scheme), strict=True))
+    return {name: rows[vertex] for name, vertex in LANDMARK_VERTICES.items() if vertex in rows}
+
+
 MINIMUM_FACE_PX = 40.0
 
 

@@ -103,8 +103,9 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     normals = vertex_normals(head, triangles)
     rng = np.random.default_rng(0)
 
-    def look(head: Array, points: Array, picture: Texture, light: Array | None = None) -> Float32:
-        image = render(head, triangles, picture, view, size, size, background, light).image[:, :, 0]
+    def look(posed: tuple[Array, Array], picture: Texture, light: Array | None = None) -> Float32:
+        vertices, points = posed
+        image = render(vertices, triangles, picture, view, size, size, background, light).image[:, :, 0]
         maps = orientation_maps(blurred(image, d.blur), d.cell)
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
         return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0]
@@ -114,11 +115,11 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
         posed = head @ R.T + t, face.points @ R.T + t
-        samples.append(look(*posed, texture))
+        samples.append(look(posed, texture))
         if k % _BLINK_VIEWS == 0:
-            blinks.append(look(*posed, closed[k // _BLINK_VIEWS % len(closed)]) - samples[-1])
+            blinks.append(look(posed, closed[k // _BLINK_VIEWS % len(closed)]) - samples[-1])
         if k % _LIT_VIEWS == 0:
-            lights.append(look(*posed, texture, random_light(normals @ R.T, s.light_contrast, rng)) - samples[-1])
+            lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng)) - samples[-1])
         terms.append(polynomial(tilt, pan, limit)[0])
         visible.append(facing_cosine(posed[1], face.normals @ R.T) > s.hidden_cosine)
     shares = ((blinks, s.blink_share), (lights, 1.0))

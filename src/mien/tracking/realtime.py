@@ -32,11 +32,11 @@ from mien.video import Frame
 
 _LEAST_LANDMARKS = 6
 _ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
-"""Vertices that are tracked beside the landmarks, after them: far apart, and away from eyes, which spectacles hide."""
-TRACKED_VERTICES = [*LANDMARK_VERTICES.values(), *_ANCHORS.values()]
+TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
+"""Names and vertices of what is tracked: the landmarks, and after them anchors that are not reported. These lie far
+apart, and away from the eyes, which spectacles hide."""
 _JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
-_EYES = np.array(["eye" in name or "brow" in name for name in (*LANDMARK_NAMES, *_ANCHORS)])
 _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
 _TRUSTED = 0.25
@@ -168,14 +168,15 @@ class RealtimeTracker:
         self.camera = camera
         self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy], dtype=float)
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
-        self.face = learn_face(frame, landmarks, self.fit, camera, TRACKED_VERTICES, s)
-        self.units = np.ascontiguousarray(self.fit.model.animation_units[:, TRACKED_VERTICES])
+        vertices, n = list(TRACKED.values()), len(TRACKED)
+        self.face = learn_face(frame, landmarks, self.fit, camera, vertices, s)
+        self.units = np.ascontiguousarray(self.fit.model.animation_units[:, vertices])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
+        eyes = np.array(["eye" in name or "brow" in name for name in TRACKED])
         self.shape = deepcopy(self.known_shape) or ShapePosterior(
-            self.face.neutral, self.face.normals, _EYES, self.fit.R, self.fit.t, s
+            self.face.neutral, self.face.normals, eyes, self.fit.R, self.fit.t, s
         )
         self.neutral = self.shape.mean()
-        n = len(TRACKED_VERTICES)
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
