@@ -106,11 +106,11 @@ def test_it_recovers_from_displaced_starts_that_the_simplex_does_not(tracker: Sa
     """The maps answer over a whole window; the simplex sees no further than its steps, and stops in a hollow."""
     simplex = ChenTracker()
     simplex.initialize(face().frame, face().landmarks, face().camera)
-    directions = np.radians([20.0, 80, 140, 200, 260, 320])
-    shifts = 0.2 * np.stack([np.cos(directions), np.sin(directions), 0 * directions], axis=1)
-    starts = moved(face(), np.zeros((6, 3)), shifts, np.zeros((6, 6)))
-    assert [_returns(tracker, start) for start in starts].count(True) == 6
-    assert [_returns(simplex, start) for start in starts].count(True) <= 4
+    directions = np.radians(np.arange(20.0, 380, 30))
+    shifts = 0.21 * np.stack([np.cos(directions), np.sin(directions), 0 * directions], axis=1)
+    starts = moved(face(), np.zeros((12, 3)), shifts, np.zeros((12, 6)))
+    assert [_returns(tracker, start) for start in starts].count(True) == 12
+    assert [_returns(simplex, start) for start in starts].count(True) <= 8
 
 
 def _returns(tracker: CandideTracker, start: Array) -> bool:

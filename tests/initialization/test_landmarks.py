@@ -23,13 +23,13 @@ def _spread(size: float = 100.0, corner: tuple[float, float] = (50, 60)) -> Land
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_correspondences_pick_rows(scheme: str) -> None:
-    """Each point stands for its own row, so that it is seen which were picked."""
-    n = COUNTS[scheme]
-    points = np.arange(n)[:, None] * np.array([1.0, -1])
-    vertices, picked, depths = Landmarks(points, scheme, 10.0 * np.arange(n)).correspondences()
+    """Each point stands for its own row, so that it is seen which were picked; roots, so that no middle of two of
+    them is a third."""
+    own = np.sqrt(np.arange(COUNTS[scheme]))
+    vertices, picked, depths = Landmarks(own[:, None] * np.array([1.0, -1]), scheme, 10.0 * own).correspondences()
     assert depths is not None
-    np.testing.assert_array_equal(picked[:, 1], -picked[:, 0])
-    np.testing.assert_array_equal(depths, 10 * picked[:, 0])
+    np.testing.assert_allclose(picked[:, 1], -picked[:, 0])
+    np.testing.assert_allclose(depths, 10 * picked[:, 0])
     assert len(set(vertices)) == len(vertices)
     assert len(set(picked[:, 0])) == len(picked)
 
