@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -26,10 +28,10 @@ class Crop:
     angle: float
     size: int
 
-    @property
+    @cached_property
     def linear(self) -> Array:
         """(2, 2) linear part: crop pixels by image pixels."""
-        c, s = self.scale * np.cos(self.angle), self.scale * np.sin(self.angle)
+        c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
         return np.array([[c, s], [-s, c]])
 
     def to_crop(self, p: Array) -> Array:

@@ -7,6 +7,8 @@ angle is that of `R_camera_head @ FACING`, which is then the identity.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,7 +85,7 @@ def euler_jacobian(R: Array) -> Array:
 
 def ray_rotation(X: Array) -> Array:
     """Shortest rotation (3, 3) that turns the optical axis into the ray to a point X (3,) in camera axes."""
-    x, y, z = X / np.linalg.norm(X)
+    x, y, z = (X / math.sqrt(X @ X)).tolist()
     k = 1 / (1 + z)
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
 

@@ -78,9 +78,9 @@ def place(i: int, person: Any, around: Any, R: Any, t: Any, a: Any, view: Any, q
 
 
 @kernel()
-def differentiate(gu: Any, gv: Any, units: Any, R: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
-    """Derivative (12,) by pose step of what has the gradient (gu, gv) by crop pixel, at a point R h = Y (3,) that the
-    units (6, 3) move."""
+def differentiate(gu: Any, gv: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
+    """Derivative (6,) by the rotation and translation of a pose step of what has the gradient (gu, gv) by crop pixel,
+    at a point R h = Y (3,). The last three are that by the point itself."""
     camera, linear = view[0], view[1]
     scale = camera[0] / max(Y[2] + t[2], 0.1)
     x = (linear[0, 0] * gu + linear[1, 0] * gv) * scale
@@ -88,11 +88,21 @@ def differentiate(gu: Any, gv: Any, units: Any, R: Any, t: Any, Y: Any, view: An
     z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) * scale / camera[0]
     row[0], row[1], row[2] = Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x
     row[3], row[4], row[5] = x, y, z
-    hx = x * R[0, 0] + y * R[1, 0] + z * R[2, 0]
-    hy = x * R[0, 1] + y * R[1, 1] + z * R[2, 1]
-    hz = x * R[0, 2] + y * R[1, 2] + z * R[2, 2]
+
+
+@kernel()
+def turn_units(i: int, units: Any, R: Any, turned: Any) -> None:
+    """How the units (6, n, 3) move landmark i, in camera axes: (6, 3)."""
     for k in range(units.shape[0]):
-        row[6 + k] = hx * units[k, 0] + hy * units[k, 1] + hz * units[k, 2]
+        for r in range(3):
+            turned[k, r] = R[r, 0] * units[k, i, 0] + R[r, 1] * units[k, i, 1] + R[r, 2] * units[k, i, 2]
+
+
+@kernel()
+def extend(row: Any, turned: Any) -> None:
+    """Fill the animation's part of a derivative (12,) by pose step, from that by the point, which the units move."""
+    for k in range(turned.shape[0]):
+        row[6 + k] = row[3] * turned[k, 0] + row[4] * turned[k, 1] + row[5] * turned[k, 2]
 
 
 @kernel()
@@ -100,11 +110,14 @@ def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
     """Landmarks in the crop (n, 2) and their derivative (n, 2, 12) by [rotation vector, t, animation]."""
     n = person[0].shape[0]
     q, Y, J, here = np.empty((n, 2)), np.empty((1, 3)), np.empty((n, 2, STATE)), np.empty((1, 3))
+    turned = np.empty((person[1].shape[0], 3))
     here[0, 0], here[0, 1], here[0, 2] = 0.0, 0.0, 0.0
     for i in range(n):
         place(i, person, here, R, t, a, view, q[i : i + 1], Y)
-        differentiate(1.0, 0.0, person[1][:, i], R, t, Y[0], view, J[i, 0])
-        differentiate(0.0, 1.0, person[1][:, i], R, t, Y[0], view, J[i, 1])
+        turn_units(i, person[1], R, turned)
+        for k in range(2):
+            differentiate(1.0 - k, 0.0 + k, t, Y[0], view, J[i, k])
+            extend(J[i, k], turned)
     return q, J
 
 

@@ -13,6 +13,7 @@ and contrast of each patch left free.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,11 @@ from mien.candide.model import TRACKED_UNITS
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
-from mien.tracking.kernels import STATE, add_prior, differentiate, place, rotate, solve_positive
+from mien.tracking.kernels import STATE, add_prior, differentiate, extend, place, rotate, solve_positive, turn_units
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
+_RIGID = 6
+"""Numbers of a pose step that turn and move the head, before those of the animation."""
 _LEAST_GREY = 1.0
 """Grey values: patches that agree better than this agree by chance."""
 
@@ -65,10 +68,11 @@ class Motion:
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
         s = self.settings
-        angle, shift = np.radians(s.motion_rotation_deg), s.motion_translation
-        floor = np.array([angle] * 3 + [shift] * 3 + [s.motion_animation] * 6)
+        angle = math.radians(s.motion_rotation_deg)
+        floor = np.array([angle] * 3 + [s.motion_translation] * 3 + [s.motion_animation] * 6)
         floor[6 + JAW_DROP] = s.prior_jaw  # a mouth that opens shows what the last frame did not
-        length = np.concatenate([[np.linalg.norm(step[:3])] * 3, [np.linalg.norm(step[3:6])] * 3, step[6:]])
+        turn, shift = math.sqrt(step[:3] @ step[:3]), math.sqrt(step[3:6] @ step[3:6])
+        length = np.array([turn] * 3 + [shift] * 3 + step[6:].tolist())
         return np.asarray(floor**2 + (s.motion_share * length) ** 2)
 
 
@@ -86,23 +90,26 @@ def _read(image: Any, x: float, y: float) -> Any:
 
 @kernel()
 def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
-    """Values (n, m) less their mean, their norms (n,), their derivatives (n, 12, m) by pose step less the mean, and
-    the sums (n, 12, 12) of the products of those."""
+    """Values (n, m) less their mean, their norms (n,), their derivatives (n, 6, m) by rotation and translation less the
+    mean, the sums (n, 12, 12) of the products of those by the whole pose step, and the units (n, 6, 3) in camera axes.
+
+    All points of a patch move alike with the units: the derivatives by these are sums of those by translation.
+    """
     R, t, a = pose
-    units = person[1]
     n, m = patches.shape[0], patches.shape[1]
     values, norms = np.empty((n, m), np.float32), np.empty(n)
-    J, JJ = np.empty((n, STATE, m), np.float32), np.empty((n, STATE, STATE))
-    q, Y, row = np.empty((m, 2)), np.empty((m, 3)), np.empty(STATE)
+    J, JJ, turned = np.empty((n, _RIGID, m), np.float32), np.empty((n, STATE, STATE)), np.empty((n, STATE - _RIGID, 3))
+    q, Y, row = np.empty((m, 2)), np.empty((m, 3)), np.empty(_RIGID)
     for i in range(n):
         place(i, person, patches[i], R, t, a, view, q, Y)
+        turn_units(i, person[1], R, turned[i])
         for j in range(m):
             values[i, j], gu, gv = _read(image, q[j, 0], q[j, 1])
-            differentiate(np.float64(gu), np.float64(gv), units[:, i], R, t, Y[j], view, row)
-            for k in range(STATE):
+            differentiate(np.float64(gu), np.float64(gv), t, Y[j], view, row)
+            for k in range(_RIGID):
                 J[i, k, j] = row[k]
         norms[i] = np.sqrt(_center(values[i]))
-        for k in range(STATE):
+        for k in range(_RIGID):
             _center(J[i, k])
             for r in range(k + 1):
                 s = np.float32(0.0)
@@ -110,7 +117,13 @@ def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -
                     s += J[i, k, j] * J[i, r, j]
                 JJ[i, k, r] = s
                 JJ[i, r, k] = s
-    return values, norms, J, JJ
+        for k in range(_RIGID):
+            extend(JJ[i, k], turned[i])
+        for k in range(_RIGID, STATE):
+            for r in range(_RIGID):
+                JJ[i, k, r] = JJ[i, r, k]
+            extend(JJ[i, k], turned[i])
+    return values, norms, J, JJ, turned
 
 
 @kernel()
@@ -148,12 +161,12 @@ def _align(
     """Gauss-Newton from the prior's pose, with the derivatives of the last frame: returns R, t, a and the information
     (12, 12) of the pixels, taken as independent; stops where a step promises a gain below `tolerance`. A patch loses
     its weight (Geman and McClure) where its residual exceeds `robust` times what is usual in this frame."""
-    values, norms, J, JJ = template
+    values, norms, J, JJ, turned = template
     n, m = values.shape
     R, t, a = prior[0], prior[1], prior[2]
     q, Y, residual = np.empty((m, 2)), np.empty((m, 3)), np.empty((n, m), np.float32)
     off = np.zeros(n)
-    H, G, D = np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE, STATE))
+    H, G, D, down = np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE, STATE)), np.empty(STATE)
     usual = 1e9  # at first every patch counts
     for _ in range(iterations):
         total, squared = 1e-9, 0.0
@@ -174,11 +187,14 @@ def _align(
                 continue
             ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
             w = active[i] * ratio * ratio / usual
-            for r in range(STATE):
+            for r in range(_RIGID):
                 s = np.float32(0.0)
                 for j in range(m):
                     s += J[i, r, j] * residual[i, j]
-                G[r] += w * s
+                down[r] = s
+            extend(down, turned[i])
+            for r in range(STATE):
+                G[r] += w * down[r]
                 for c in range(STATE):
                     D[r, c] += w * JJ[i, r, c]
         for r in range(STATE):
