@@ -74,6 +74,14 @@ def test_black_and_white_frames(value: int, length: int) -> None:
     assert errors[18 + length + BACK_WITHIN :].max() < CLOSE_DEG
 
 
+def test_the_noise_of_a_dark_camera_is_no_face() -> None:
+    """Descriptors have unit length, of however little."""
+    rng = np.random.default_rng(0)
+    estimates, errors = _track(_changed(lambda image: rng.normal(2, 2, image.shape), range(18, 23)))
+    assert {estimates[k].reason for k in range(18, 23)} == {"the image is blank"}
+    assert errors[23 + BACK_WITHIN :].max() < CLOSE_DEG
+
+
 def test_frames_of_noise() -> None:
     rng = np.random.default_rng(0)
     estimates, errors = _track(_changed(lambda image: rng.uniform(0, 255, image.shape), range(18, 23)))
@@ -156,6 +164,11 @@ def test_strong_compression(quality: int) -> None:
 @pytest.mark.parametrize(("gain", "offset"), [(1.5, 0.0), (0.4, 0.0), (1.0, 25.0)])
 def test_a_lamp_switched_on_or_off(gain: float, offset: float) -> None:
     _assert_followed(_changed(lambda image: gain * image + offset, range(15, COUNT)))
+
+
+def test_hardly_any_light() -> None:
+    """A face of a dozen grey values."""
+    _assert_followed(_changed(lambda image: 0.06 * image, range(10, COUNT)))
 
 
 def test_a_lamp_on_one_side() -> None:

@@ -8,6 +8,7 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 
 from mien.appearance.crop import Crop
@@ -42,6 +43,8 @@ _FAR = 4.0
 _TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
+_BLANK = 1.0
+"""Standard deviation of a crop's grey values below which it shows nothing but the noise of a camera."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,11 @@ class View:
     geometry: tuple[Array, ...]
     facing: Mask
 
+    @property
+    def is_blank(self) -> bool:
+        """Whether nothing is to be seen here: descriptors have unit length and would describe the noise."""
+        return float(cv2.meanStdDev(self.image)[1][0, 0]) < _BLANK
+
     @cached_property
     def maps(self) -> Float32:
         """Orientation maps of the crop."""
@@ -214,11 +222,11 @@ class RealtimeTracker:
         s = self.settings
         view, solution = self._search(frame)
         status = Status.TRACKED
-        if solution.share(s.seen_distance) < s.least_share:
+        if view.is_blank or solution.share(s.seen_distance) < s.least_share:
             search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
             found = self._recover(frame) if search else None
             if found is None:
-                return self._lose(frame, solution)
+                return self._lose(frame, view, solution)
             view, solution = found
         if self.lost_frames:
             status = Status.RECOVERED
@@ -233,13 +241,13 @@ class RealtimeTracker:
         self._remember(view, solution)
         return self._estimate(frame, status, solution)
 
-    def _lose(self, frame: Frame, solution: Solution) -> Estimate:
+    def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""
         self.lost_frames += 1
         self.velocity = np.zeros(12)
         outside = self.camera.in_image(self._posed(solution.pose), frame.width, frame.height).mean() < 0.5
-        reason = "the face left the image" if outside else "nothing here looks like the face of the first frame"
-        return Estimate.lost(frame, reason, self.fit.mm_per_unit)
+        unlike = "the image is blank" if view.is_blank else "nothing here looks like the face of the first frame"
+        return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
 
     def _recover(self, frame: Frame) -> tuple[View, Solution] | None:
         """The face at a pose that the keyframes or the detector propose, if it is the one of the first frame."""
@@ -250,7 +258,7 @@ class RealtimeTracker:
             start = Pose(*placed, self.fit.animation)
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
             view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
-            if solution.share(s.seen_distance) >= s.recovered_share:
+            if not view.is_blank and solution.share(s.seen_distance) >= s.recovered_share:
                 return view, solution
         return None
 
