@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -240,8 +240,13 @@ def test_other_kinds_of_pixels(mien: Command, marks: Path, tmp_path: Path, pix_f
 # Bad input: the face
 
 
-def _detects(monkeypatch: pytest.MonkeyPatch, faces: list[Landmarks]) -> None:
-    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame: faces)
+def _detects(monkeypatch: pytest.MonkeyPatch, faces: list[Landmarks], at: int = 0) -> None:
+    """The detector finds these faces in the frame with the index `at` and none before."""
+
+    def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] | None:
+        return next(((frame, faces) for frame in frames if faces and frame.index == at), None)
+
+    monkeypatch.setattr("mien.initialization.detector.first_with_a_face", first_with_a_face)
 
 
 def _faces(count: int) -> list[Landmarks]:
@@ -251,8 +256,28 @@ def _faces(count: int) -> list[Landmarks]:
 
 def test_no_face(refused: Callable[..., None], video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _detects(monkeypatch, [])
-    refused(["track", video], "in.mkv: no face", "--start")
-    refused(["landmarks", video], "in.mkv: no face", "--start")
+    refused(["track", video], "in.mkv: no face was found in its 6 frames from 0.00 s to 0.20 s", "--landmarks")
+    refused(["landmarks", video], "in.mkv: no face", "--landmarks")
+
+
+def test_a_face_that_comes_later(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Its landmarks, from NAME.json, give the same track."""
+    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=2, time=0.08)], at=2)
+    result = mien("track", video, "-o", "out.csv", "--overlay", "out.mp4", "--passes", "2")
+    assert result.status == 0
+    assert "in.mkv: a face is first found at 0.08 s" in result.err
+    track = Track.read(tmp_path / "out.csv")
+    assert track.status == ["lost", "lost", "initialized", "tracked", "tracked", "tracked"]
+    assert track.table.column("reason").to_pylist()[:2] == ["no face was seen yet"] * 2
+    assert mien("track", video, "-o", "again.csv", "--landmarks", "out.json", "--passes", "2").status == 0
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
+
+
+def test_landmarks_of_a_time_that_the_video_does_not_have(
+    refused: Callable[..., None], video: Path, tmp_path: Path
+) -> None:
+    write_landmarks(tmp_path / "late.json", replace(known_portrait().landmarks, time=9.0))
+    refused(["track", video, "--landmarks", "late.json"], "late.json belongs to 9.00 s", "in.mkv has no frame")
 
 
 def test_several_faces(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -269,7 +294,7 @@ def test_no_face_and_two_faces_with_the_real_detector(
     mien: Command, refused: Callable[..., None], tmp_path: Path
 ) -> None:
     gray = write_video(tmp_path / "gray.mkv", [np.full((240, 320, 3), 127, np.uint8)] * 3)
-    refused(["track", gray], "gray.mkv: no face was found in the frame at 0.00 s", "--start")
+    refused(["track", gray], "gray.mkv: no face was found in its 3 frames from 0.00 s to 0.08 s")
     image = portrait_images()[0]
     pair = np.hstack([image, cv2.resize(image, (240, 240))])
     two = write_video(tmp_path / "two.mkv", [pair] * 2)

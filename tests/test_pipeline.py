@@ -55,12 +55,11 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def test_run_gives_each_frame_with_its_estimate() -> None:
-    frames = [Frame(image, i, i / 25) for i, image in enumerate(portrait_images(3))]
-    known = known_portrait()
-    pairs = list(pipeline.run(StillTracker(), iter(frames), known.landmarks, known.camera))
-    assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == [0, 1, 2]
-    assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, Status.TRACKED, Status.TRACKED]
+def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
+    begin = pipeline.prepare(folder, known_portrait().landmarks)
+    pairs = list(pipeline.run(StillTracker(), begin))
+    assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
+    assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]
 
 
 def test_a_folder_of_images_gives_a_row_for_each_frame(tracker: StillTracker, folder: Path) -> None:

@@ -7,7 +7,7 @@ track.to_pandas()
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
@@ -56,7 +56,8 @@ class RepeatableTracker(Protocol):
 
 @dataclass(frozen=True)
 class Start:
-    """All that tracking begins with; `frames` begins with the first frame."""
+    """All that tracking begins with. first: the frame that the landmarks belong to; frames: those that are tracked, the
+    first among them, and before it those that come before there is a face."""
 
     video: Video
     first: Frame
@@ -102,7 +103,7 @@ def track(
     for turn in range(1, passes + 1):
         if turn > 1 and isinstance(tracker, RepeatableTracker):
             tracker = tracker.again()
-            begin = prepare(video, begin.landmarks, begin.camera, start=start, end=end)
+            begin = replace(begin, frames=select(begin.video, start, end))
         result = _one_pass(Pass(begin, preset, tracker, turn), files, total, progress, last=turn == passes)
         files.write(result)
     return result
@@ -124,7 +125,7 @@ def _one_pass(this: Pass, files: Destination, total: int | None, progress: Progr
     with Recorder(files.table) as recorder:
         try:
             with drawing(files.overlay if last else None, this.tracker, this.begin.camera) as draw:
-                for frame, estimate in run(this.tracker, this.begin.frames, this.begin.landmarks, this.begin.camera):
+                for frame, estimate in run(this.tracker, this.begin):
                     recorder.add(estimate)
                     draw(frame, estimate)
                     if progress is not None:
@@ -158,22 +159,36 @@ def prepare(
     start: float | None = None,
     end: float | None = None,
 ) -> Start:
-    """Open the video, find the face in the first frame, choose the camera. Raises MienError for bad input."""
+    """Open the video, choose the camera, find the face: where no landmarks are given, in the first frame that shows
+    one; where they belong to a later frame, there. Raises MienError for bad input."""
     source = open_video(video)
     frames = select(source, start, end)
-    first = next(frames)
-    chosen = choose_camera(first, camera, focal_px, fov_deg)
+    earliest = next(frames)
+    chosen = choose_camera(earliest, camera, focal_px, fov_deg)
     if landmarks is None:
-        landmarks = find_face(first, source.name)
-    elif not isinstance(landmarks, Landmarks):
-        landmarks = read_landmarks(landmarks, first.index, first.time)
+        first, landmarks = find_face(chain([earliest], frames), source.name)
+    else:
+        if not isinstance(landmarks, Landmarks):
+            landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
+        first = _frame_of(landmarks, chain([earliest], frames), source)
     landmarks.check(first.width, first.height)
-    if abs(landmarks.time - first.time) > 1.5 / source.fps:
+    # A camera shows every frame once: what came before the face is gone.
+    seen_again = first is not earliest and source.path is not None
+    frames = select(source, start, end) if seen_again else chain([first], frames)
+    return Start(source, first, frames, _as_written(landmarks), chosen)
+
+
+def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
+    """The frame that landmarks belong to, or the first where they belong to an earlier one, with a warning."""
+    first = next((frame for frame in frames if frame.time > landmarks.time - 0.5 / source.fps), None)
+    if first is None:
+        raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
+    if first.time - landmarks.time > 1.5 / source.fps:
         warn(
             f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
             f"--start {landmarks.time:.2f} begins where it belongs"
         )
-    return Start(source, first, chain([first], frames), _as_written(landmarks), chosen)
+    return first
 
 
 def write_first_frame(
@@ -203,29 +218,41 @@ def write_first_frame(
     return fit
 
 
-def run(
-    tracker: Tracker, frames: Iterator[Frame], landmarks: Landmarks, camera: Camera
-) -> Iterator[tuple[Frame, Estimate]]:
-    """Each frame with its estimate; the landmarks belong to the first."""
-    first = next(frames)
-    yield first, tracker.initialize(first, landmarks, camera)
-    for frame in frames:
-        yield frame, tracker.track(frame)
+def run(tracker: Tracker, begin: Start) -> Iterator[tuple[Frame, Estimate]]:
+    """Each frame with its estimate; before the first that has landmarks the face is not there yet."""
+    for frame in begin.frames:
+        if frame.index < begin.first.index:
+            yield frame, Estimate.lost(frame, "no face was seen yet")
+        elif frame.index == begin.first.index:
+            yield frame, tracker.initialize(frame, begin.landmarks, begin.camera)
+        else:
+            yield frame, tracker.track(frame)
 
 
-def find_face(frame: Frame, name: str) -> Landmarks:
-    """The largest face of a frame. Raises MienError if there is none; warns if there are several."""
-    from mien.initialization.detector import detect
+def find_face(frames: Iterable[Frame], name: str) -> tuple[Frame, Landmarks]:
+    """The first frame with a face, and the largest that is there. Raises MienError if there is none; warns where it is
+    not the first of the frames, or has several faces."""
+    from mien.initialization.detector import first_with_a_face
 
-    faces = detect(frame)
-    require(
-        bool(faces),
-        f"{name}: no face was found in the frame at {frame.time:.2f} s; begin where one is seen with --start, "
-        "or annotate the frame and pass --landmarks",
-    )
+    times: list[float] = []
+
+    def noted() -> Iterator[Frame]:
+        for frame in frames:
+            times.append(frame.time)
+            yield frame
+
+    found = first_with_a_face(noted())
+    if found is None:
+        raise MienError(
+            f"{name}: no face was found in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
+            "annotate one and pass --landmarks, or enlarge or brighten the video"
+        )
+    first, faces = found
+    if len(times) > 1:
+        warn(f"{name}: a face is first found at {first.time:.2f} s; the frames before have no pose")
     if len(faces) > 1:
-        warn(f"{name}: {len(faces)} faces in the frame at {frame.time:.2f} s; the largest is tracked")
-    return replace(faces[0], source=f"{name}, detected face")
+        warn(f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked")
+    return first, replace(faces[0], source=f"{name}, detected face")
 
 
 def choose_camera(

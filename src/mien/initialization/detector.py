@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import cv2
@@ -33,13 +33,21 @@ def detect(frame: Frame) -> list[Landmarks]:
 
     Raises MienError where MediaPipe is not installed.
     """
+    found = first_with_a_face([frame])
+    return [] if found is None else found[1]
+
+
+def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] | None:
+    """The first frame in which there is a face, with the faces of it as `detect` gives them; None where none has one.
+
+    Raises MienError where MediaPipe is not installed.
+    """
     with _face_mesh(_MAXIMUM_FACES) as mesh:
-        faces = [f for f in read_faces(mesh, frame.pixels)]
-    faces.sort(key=lambda f: -float(np.ptp(f[:, :2], axis=0).prod()))
-    return [
-        Landmarks(f[:, :2], "mediapipe478", f[:, 2], frame.index, frame.time, "detected face")
-        for f in (_average(frame, f) for f in faces)
-    ]
+        for frame in frames:
+            faces = _largest_first(mesh, frame)
+            if faces:
+                return frame, [_landmarks(frame, _average(frame, f)) for f in faces]
+    return None
 
 
 def detect_once(frame: Frame) -> Landmarks | None:
@@ -48,11 +56,16 @@ def detect_once(frame: Frame) -> Landmarks | None:
     Raises MienError where MediaPipe is not installed.
     """
     with _face_mesh(_MAXIMUM_FACES) as mesh:
-        faces = read_faces(mesh, frame.pixels)
-    if not faces:
-        return None
-    f = max(faces, key=lambda face: float(np.ptp(face[:, :2], axis=0).prod()))
-    return Landmarks(f[:, :2], "mediapipe478", f[:, 2], frame.index, frame.time, "detected face")
+        faces = _largest_first(mesh, frame)
+    return _landmarks(frame, faces[0]) if faces else None
+
+
+def _largest_first(mesh: Any, frame: Frame) -> list[Array]:
+    return sorted(read_faces(mesh, frame.pixels), key=lambda f: -float(np.ptp(f[:, :2], axis=0).prod()))
+
+
+def _landmarks(frame: Frame, face: Array) -> Landmarks:
+    return Landmarks(face[:, :2], "mediapipe478", face[:, 2], frame.index, frame.time, "detected face")
 
 
 def _average(frame: Frame, face: Array) -> Array:
