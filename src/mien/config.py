@@ -99,8 +99,10 @@ class RealtimeSettings(Settings):
     hold_rotation_deg: float = Field(4.0, gt=0, description="how far a head moves in a frame: standard deviation")
     hold_translation: float = Field(0.1, gt=0)
     hold_animation: float = Field(0.2, gt=0)
-    rest_animation: float = Field(0.4, gt=0, description="standard deviation of the animation from the first frame's")
-    rest_jaw: float = Field(0.65, gt=0, description="the same of jaw_drop, which opens far")
+    rest_animation: float = Field(0.7, gt=0, description="standard deviation of the animation from the first frame's")
+    rest_jaw: float = Field(1.0, gt=0, description="the same of jaw_drop, which opens far")
+    rest_firmness: float = Field(22.0, ge=0, description="by how much, at rest, an animation's inverse variance grows")
+    rest_within: float = Field(0.04, gt=0, description="animation at which half of that is left")
     rest_turn_deg: float = Field(18.0, gt=0, description="turn of the head at which these variances are halved")
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     learn_shape: bool = True

@@ -377,11 +377,15 @@ class RealtimeTracker:
         return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, view.facing)
 
     def _prior(self, predicted: Prediction) -> tuple[Array, ...]:
-        """The prior as the kernels take it: about a prediction, and of the animation about its rest. What a turn does
-        to a face looks like an expression: the further it has turned, the less an expression is believed."""
-        pose = predicted.pose
-        turned = turn_squared(pose.R, self.first_rotation) / math.sin(math.radians(self.settings.rest_turn_deg)) ** 2
-        return (*pose.arrays, predicted.information, self.fit.animation, (1 + turned) * self.rest_information)
+        """The prior as the kernels take it: about a prediction, and of the animation about its rest. It has heavy tails
+        (Student's t, weighed by the last frame): a face is mostly at rest, and where it is not it may be anything. What
+        a turn does to a face looks like an expression: the further it has turned, the less an expression is believed.
+        """
+        s, pose = self.settings, predicted.pose
+        turned = turn_squared(pose.R, self.first_rotation) / math.sin(math.radians(s.rest_turn_deg)) ** 2
+        moved = (self.pose.animation - self.fit.animation) / s.rest_within
+        firm = (1 + turned) * (1 + s.rest_firmness / (1 + moved * moved))
+        return (*pose.arrays, predicted.information, self.fit.animation, firm * self.rest_information)
 
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
