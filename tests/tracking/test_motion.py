@@ -13,7 +13,8 @@ from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.motion import JAW_DROP, Motion, _take_patches
-from mien.tracking.realtime import Pose, Prediction, RealtimeTracker, View
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.solution import Pose, Prediction, View
 from mien.video import Frame
 from small_motion import face, run
 

@@ -2,8 +2,8 @@
 
 | point | iBUG-68 | MediaPipe |
 |---|---|---|
-| outer and inner corner of the right eye | 36, 39 | between 33 and 7, 133 and 155 |
-| inner and outer corner of the left eye | 42, 45 | between 362 and 382, 263 and 249 |
+| outer and inner corner of the right eye | 36, 39 | 33, between 133 and 155 |
+| inner and outer corner of the left eye | 42, 45 | between 362 and 382, 263 |
 | tip of the nose, its base | 30, 33 | 4, 2 |
 | under the right and the left nostril | 31, 35 | between 97 and 98, 326 and 327 |
 | right and left corner of the mouth | 48, 54 | 61, 291 |

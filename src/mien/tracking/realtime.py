@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
-import cv2
 import numpy as np
 
-from mien.appearance.crop import Crop
-from mien.appearance.descriptors import Float32, orientation_maps
 from mien.appearance.views import CENTRE, roll_of
 from mien.candide.model import Candide
 from mien.config import RealtimeSettings
@@ -27,11 +23,11 @@ from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
-from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
+from mien.tracking.solution import Pose, Prediction, Solution, View
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import confidence, familiarity, frame_variance, state_covariance, turn_squared
 from mien.video import Frame
 
-_LEAST_LANDMARKS = 6
 _ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
 TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
 """Names and vertices of what is tracked: the landmarks, and after them anchors that are not reported. These lie far
@@ -43,112 +39,6 @@ _FAR = 4.0
 _TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
-_BLANK = 1.0
-"""Standard deviation of a crop's grey values below which it shows nothing but the noise of a camera."""
-
-
-@dataclass(frozen=True)
-class Pose:
-    """State of Eq. (2) with its rotation as a matrix: R (3, 3) head -> camera, t (3,), animation (6,)."""
-
-    R: Array
-    t: Array
-    animation: Array
-
-    def moved(self, step: Array) -> Pose:
-        """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
-        return Pose(kernels.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
-
-    @property
-    def arrays(self) -> tuple[Array, Array, Array]:
-        """R, t and animation as the kernels take them."""
-        return np.ascontiguousarray(self.R), self.t, self.animation
-
-    def step_to(self, other: Pose) -> Array:
-        """The step (12,) that leads to another pose, less than half a turn away."""
-        turn = kernels.rotation_vector(other.R, self.R)
-        return np.concatenate([turn, other.t - self.t, other.animation - self.animation])
-
-
-@dataclass(frozen=True)
-class Solution:
-    """The lowest point of Eq. (9) that a search found, with what was seen there; see `kernels.solve`."""
-
-    pose: Pose
-    energy: float
-    H: Array
-    y: Float32
-    M: Array
-    g: Array
-    d2: Array
-    B: Array
-    w: Array
-    facing: Mask  # landmarks that face the camera, inside the image
-
-    @cached_property
-    def spread(self) -> Array:
-        """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
-        return np.linalg.inv(self.H)
-
-    def misfit(self, expected: Array) -> float:
-        """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
-        ratio = np.sort((self.d2 / expected)[self.facing])
-        return float(ratio[len(ratio) // 2]) if len(ratio) else np.inf
-
-    def seen(self, most: float) -> Mask:
-        """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
-        return np.asarray(self.facing & (self.d2 <= most))
-
-    @property
-    def telling(self) -> Array:
-        """Squared distances (m,) of what can be seen and tells a face from what is none: the landmarks without the
-        anchors, as plain skin looks like much else."""
-        n = len(LANDMARK_NAMES)
-        return np.asarray(self.d2[:n][self.facing[:n]])
-
-    def share(self, most: float) -> float:
-        """Share of the landmarks that can be seen whose squared distance is at most `most`."""
-        return float((self.telling <= most).mean()) if len(self.telling) >= _LEAST_LANDMARKS else 0.0
-
-    def misplacement(self, most: float) -> Array:
-        """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
-        puts it, no further than `most`."""
-        a, b, c = self.M[:, 0, 0] + 1e-6, self.M[:, 0, 1], self.M[:, 1, 1] + 1e-6
-        gu, gv = self.g[:, 0], self.g[:, 1]
-        determinant = a * c - b * b
-        u, v = (b * gv - c * gu) / determinant, (b * gu - a * gv) / determinant
-        return np.asarray(0.5 * (np.minimum(u * u, most**2) + np.minimum(v * v, most**2)))
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it."""
-
-    pose: Pose
-    information: Array
-
-
-@dataclass(frozen=True)
-class View:
-    """A frame prepared for `kernels.solve`: the grey image of the crop for a pose, its geometry, landmarks that can
-    be seen."""
-
-    level: Level
-    pose: Pose
-    crop: Crop
-    image: Float32
-    geometry: tuple[Array, ...]
-    facing: Mask
-
-    @property
-    def is_blank(self) -> bool:
-        """Whether nothing is to be seen here: descriptors have unit length and would describe the noise."""
-        return float(cv2.meanStdDev(self.image)[1][0, 0]) < _BLANK
-
-    @cached_property
-    def maps(self) -> Float32:
-        """Orientation maps of the crop."""
-        return orientation_maps(self.image, self.level.descriptor.cell)
 
 
 class RealtimeTracker:
