@@ -69,7 +69,7 @@ class RealtimeSettings(Settings):
     crop_scale: float = Field(0.015, gt=0, description="the same of its size, as a share")
     robust_factor: float = Field(0.8, gt=0, description="distance over the expected one at which a weight is a quarter")
     jaw_tolerance: float = Field(1.75, gt=0, description="the same for lower lip and chin, times this")
-    nose_tolerance: float = Field(1.7, gt=0, description="the same for the nose, which no expression moves")
+    nose_tolerance: float = Field(1.4, gt=0, description="the same for the nose, which no expression moves")
     expected_distance: float = Field(25.0, gt=0, description="squared distance of a landmark, until measured")
     expectation_rate: float = Field(0.02, ge=0, lt=1, description="how fast the expected distance follows, by frame")
     least_distance: float = Field(6.0, gt=0, description="below which the expected distance does not sink")
