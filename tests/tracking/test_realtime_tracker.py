@@ -106,6 +106,19 @@ def test_what_an_expression_moves_says_less() -> None:
     assert more[nose] == pytest.approx(0, abs=0.05 * more[brow])
 
 
+def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
+    """Twenty times as firm at rest, half of that at `rest_within`, and next to nothing of it further away."""
+    s = RealtimeSettings(rest_animation=0.5, rest_jaw=1.0, rest_firmness=20, rest_within=0.1)
+    tracker = RealtimeTracker(s)
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
+    tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
+    *_, at, information = tracker._prior(tracker._stay())
+    np.testing.assert_array_equal(at, tracker.fit.animation)
+    loose = np.array([4.0, 1.0, 4.0, 4.0, 4.0, 4.0])  # the second is jaw_drop
+    np.testing.assert_allclose(information, loose * [21, 21, 11, 11, 1 + 20 / 101, 3], rtol=1e-6)
+
+
 def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
     """The same frame, over and over, fits ever better; the scale of the robust weights stays above its floor."""
     tracker = RealtimeTracker(RealtimeSettings(expectation_rate=0.3))
