@@ -287,7 +287,7 @@ def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None
     )
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("first frame", total=None, speed="")
+        task = bar.add_task("looking for the face", total=None, speed="")
 
         first: list[float] = []  # when the first frame was done: finding and learning the face is no speed
 

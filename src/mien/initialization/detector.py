@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -125,13 +126,18 @@ def _face_mesh(faces: int) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
-    """MediaPipe logs to the process's standard error from C++; keep that off the user's screen."""
-    saved = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(null, 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(null)
+    """MediaPipe logs to the process's standard error from C++; keep that off the user's screen, and on it what Python
+    writes there."""
+    own, saved, null = sys.stderr, os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    with os.fdopen(saved, "w", buffering=1, closefd=False) as screen:
+        if own is sys.__stderr__:
+            sys.stderr = screen
+        try:
+            yield
+        finally:
+            sys.stderr = own
+            screen.flush()
+            os.dup2(saved, 2)
+            os.close(saved)
+            os.close(null)
