@@ -25,9 +25,12 @@ AXES_SD = np.radians([2.1, 1.4, 0.0])
 """Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-10.77, -1.183, 8.5)
-"""Bias, weight of the logarithm of the spread, and of the share that is seen; the last is a little more than the best
-fit (6), since the sequences hold few frames with nearly everything hidden, and such a frame must not be believed."""
+_CONFIDENCE = (-2.64, -1.2)
+"""Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are and with boards of all
+sizes before the face, a wrong rotation counting twice."""
+_HARDLY_SEEN = (0.2, 0.03)
+"""Share of the landmarks that is seen below which nothing is believed, and the width of the step: with less a face is
+mostly lost, so that no error could be measured."""
 _STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
@@ -66,12 +69,13 @@ def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Arr
     """Probability that the rotation is right to 5 degrees.
 
     d2: (n,) squared distances of the landmarks that face the camera; seen: share of all landmarks that are seen.
-    A logistic regression, fitted to measured errors, on the spread of the rotation and on what is seen, times the
-    probability that this is the face of the first frame at all.
+    A logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen,
+    times the probability that this is the face of the first frame at all.
     """
-    bias, by_spread, by_seen = _CONFIDENCE
-    right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))) + by_seen * seen)
-    return right * familiarity(d2, R, R_first)
+    bias, by_spread = _CONFIDENCE
+    least, width = _HARDLY_SEEN
+    right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))))
+    return right * _logistic((seen - least) / width) * familiarity(d2, R, R_first)
 
 
 def familiarity(d2: Array, R: Array, R_first: Array) -> float:

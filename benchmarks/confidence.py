@@ -1,0 +1,165 @@
+"""The confidence of the real-time tracker while boards of all sizes pass before the face or stay there.
+
+`OMP_NUM_THREADS=1 python benchmarks/confidence.py PATH`, with PATH the folder of the rendered sequences. Prints, as
+Markdown, how often the rotation is right to 5 degrees by confidence and by the share of the landmarks that is seen,
+and the bias and the weight of `mien.tracking.uncertainty` that fit these frames best, a wrong rotation counting twice.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import cv2
+import numpy as np
+from scipy.optimize import minimize
+from skimage import data
+
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence
+from mien.evaluation.metrics import RIGHT_DEG, reliability
+from mien.evaluation.protocols import Protocol, compare
+from mien.geometry.rotation import Array
+from mien.initialization.detector import detect
+from mien.initialization.landmarks import Landmarks
+from mien.tracking import realtime, uncertainty
+from mien.tracking.realtime import RealtimeTracker
+from mien.video import Frame, open_video
+
+RUNS = 5
+"""Runs of every sequence with boards, after one without."""
+BEGIN, CHANCE = 15, 0.06
+"""Frame before which nothing comes, and how probable it is from one frame to the next that something does."""
+PATTERN = 90
+"""Side of the piece of a picture that is painted on a board."""
+WRONG_COUNTS = 2.0
+SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.01)
+
+
+@dataclass(frozen=True)
+class Board:
+    """Something before the face: where its centre is, (2,) pixels, in the frame `begin`, how it moves, its size."""
+
+    begin: int
+    end: int
+    centre: Array
+    velocity: Array
+    size: tuple[int, int]
+    picture: Any
+
+    def paint(self, frame: Frame) -> Frame:
+        """The frame with the board before it."""
+        width, height = self.size
+        centre = self.centre + (frame.index - self.begin) * self.velocity
+        x, y = np.round(centre - [width / 2, height / 2]).astype(int)
+        pixels = frame.pixels.copy()
+        rows, columns = slice(max(y, 0), max(y + height, 0)), slice(max(x, 0), max(x + width, 0))
+        under = pixels[rows, columns]
+        under[:] = self.picture[rows.start - y :, columns.start - x :][: under.shape[0], : under.shape[1]]
+        return Frame(pixels, frame.index, frame.time)
+
+
+def boards(landmarks: Array, rng: np.random.Generator) -> Iterator[Board]:
+    """Boards of 0.3 to 1.5 faces before a face with landmarks (n, k, 2); a third stays, the others pass."""
+    pictures = [data.coffee(), data.chelsea(), data.astronaut()]
+    k = BEGIN
+    while k < len(landmarks):
+        k += 1 + int(rng.geometric(CHANCE))
+        frames = int(rng.uniform(8, 35))
+        if k + frames >= len(landmarks):
+            return
+        face, width = landmarks[k].mean(axis=0), float(np.ptp(landmarks[k, :, 0]))
+        size = tuple(int(v) for v in width * rng.uniform(0.3, 1.5, 2))
+        velocity = rng.normal(0, width / 15, 2) * (rng.random() > 1 / 3)
+        centre = face + rng.normal(0, 0.35 * width, 2) - 0.5 * frames * velocity
+        picture = pictures[rng.integers(len(pictures))]
+        row, column = (rng.integers(0, n - PATTERN) for n in picture.shape[:2])
+        piece = cv2.resize(picture[row : row + PATTERN, column : column + PATTERN], size)
+        yield Board(k, k + frames, centre, velocity, (size[0], size[1]), piece)
+        k += frames
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What is known of n frames in which the face was not lost: logarithm of the spread, share that is seen,
+    confidence, error of the rotation in degrees."""
+
+    spread: Array
+    seen: Array
+    confidence: Array
+    error_deg: Array
+    lost: int
+
+
+def track(sequence: Sequence, frames: list[Frame], landmarks: Landmarks) -> Frames:
+    """Track the frames of a sequence, and note what its confidence is made of."""
+    noted: list[tuple[float, float, float]] = []
+
+    def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
+        value = uncertainty.confidence(covariance, d2, seen, R, R_first)
+        noted.append((float(np.log(np.trace(covariance[:3, :3]))), seen, value))
+        return value
+
+    tracker, first = RealtimeTracker(), frames[0]
+    with patch.object(realtime, "confidence", confidence):
+        estimates = [tracker.initialize(first, landmarks, sequence.camera_for(first.width, first.height))]
+        estimates += [tracker.track(frame) for frame in frames[1:]]
+    rotations = [np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates]
+    compared = compare(Protocol.REBASED, sequence.read_truth(len(frames)), np.array(rotations))
+    return Frames(*np.array(noted).T, compared.rotation_error_deg[~compared.lost], int(compared.lost.sum()))
+
+
+def best_fit(frames: Frames) -> Array:
+    """Bias and weight (2,) of the logistic regression that makes these frames most probable."""
+    bias, weight = uncertainty._CONFIDENCE
+    right = frames.error_deg < RIGHT_DEG
+    # What else the confidence is a product of stays as it is.
+    others = np.clip(frames.confidence * (1 + np.exp(-(bias + weight * frames.spread))), 0, 1)
+
+    def surprise(w: Array) -> float:
+        p = np.clip(others / (1 + np.exp(-np.clip(w[0] + w[1] * frames.spread, -30, 30))), 1e-9, 1 - 1e-9)
+        return float(-np.where(right, np.log(p), WRONG_COUNTS * np.log(1 - p)).mean())
+
+    return np.asarray(minimize(surprise, [bias, weight], method="Nelder-Mead").x)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("path", type=Path)
+    rng = np.random.default_rng(0)
+    runs = []
+    for sequence in load_dataset("rendered", parser.parse_args().path):
+        frames = list(open_video(sequence.video))
+        landmarks, truth = detect(frames[0])[0], sequence.read_truth(len(frames))
+        assert truth.landmarks is not None
+        runs.append(track(sequence, frames, landmarks))
+        for _ in range(RUNS):
+            hidden = list(frames)
+            for board in boards(truth.landmarks, rng):
+                for k in range(board.begin, board.end):
+                    hidden[k] = board.paint(frames[k])
+            runs.append(track(sequence, hidden, landmarks))
+    columns = zip(*((r.spread, r.seen, r.confidence, r.error_deg) for r in runs), strict=True)
+    every = Frames(*(np.concatenate(column) for column in columns), sum(r.lost for r in runs))
+    diagram = reliability(every.confidence, every.error_deg)
+    print("| confidence | frames | mean confidence | right to 5 degrees |", "|---" * 4 + "|", sep="\n")
+    for k, count in enumerate(diagram.count):
+        edges = f"{diagram.edges[k]:.1f} to {diagram.edges[k + 1]:.1f}"
+        print(f"| {edges} | {count:.0f} | {diagram.confidence[k]:.2f} | {diagram.right[k]:.2f} |")
+    print("\n| seen | frames | mean confidence | right to 5 degrees | median error |", "|---" * 5 + "|", sep="\n")
+    for low, high in zip((0.0, *SHARES), SHARES, strict=False):
+        of = (every.seen >= low) & (every.seen < high)
+        if of.any():
+            right, error = (every.error_deg[of] < RIGHT_DEG).mean(), np.median(every.error_deg[of])
+            print(f"| from {low:.1f} | {of.sum()} | {every.confidence[of].mean():.2f} | {right:.2f} | {error:.1f} |")
+    bias, weight = best_fit(every)
+    print(f"\n{len(every.seen)} frames, {every.lost} more lost; gap {100 * diagram.gap:.1f} per cent")
+    print(f"best fit: bias {bias:.2f}, weight {weight:.2f}")
+
+
+if __name__ == "__main__":
+    main()
