@@ -48,21 +48,22 @@ class Crop:
 
         Costs what the crop costs, whatever the size of the image.
         """
-        source, offset, shrink = self._region(pixels)
+        gray, offset, shrink = self._region(pixels)
         A = np.empty((2, 3))
         A[:, :2] = self.linear * shrink
         A[:, 2] = 0.5 * (self.size - 1) - self.linear @ (np.array(self.centre) - offset - 0.5 * (shrink - 1))
-        gray = cv2.cvtColor(source, cv2.COLOR_RGB2GRAY) if source.ndim == 3 else source
         crop = cv2.warpAffine(gray, A, (self.size, self.size), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return blurred(crop.astype(np.float32), blur)
 
     def _region(self, pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Array, int]:
-        """The pixels that the crop needs, where they begin, and by how much they were shrunk against aliasing."""
+        """The grey pixels that the crop needs, where they begin, and by how much they were shrunk against aliasing."""
         height, width = pixels.shape[:2]
         reach = int(0.71 * self.size / self.scale) + 3
         x0, y0 = (int(min(max(c - reach, 0), n - 1)) for c, n in zip(self.centre, (width, height), strict=True))
         x1, y1 = (int(min(max(c + reach, 1), n)) for c, n in zip(self.centre, (width, height), strict=True))
         region = pixels[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
+        if region.ndim == 3:  # before it is shrunk: that costs more by channel
+            region = np.asarray(cv2.cvtColor(region, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
         shrink = max(int(1 / self.scale), 1)
         if shrink > 1 and min(region.shape[:2]) >= shrink:
             h, w = region.shape[0] // shrink, region.shape[1] // shrink
