@@ -9,26 +9,23 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import cv2
 import numpy as np
+from ablation import Run, prepare, score
 from scipy.optimize import minimize
 from skimage import data
 
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.metrics import RIGHT_DEG, reliability
-from mien.evaluation.protocols import Protocol, compare
 from mien.geometry.rotation import Array
-from mien.initialization.detector import detect
-from mien.initialization.landmarks import Landmarks
 from mien.tracking import realtime, uncertainty
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame, open_video
+from mien.video import Frame
 
 RUNS = 5
 """Runs of every sequence with boards, after one without."""
@@ -42,18 +39,18 @@ SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.01)
 
 @dataclass(frozen=True)
 class Board:
-    """Something before the face: where its centre is, (2,) pixels, in the frame `begin`, how it moves, its size."""
+    """Something before the face: where its centre is, (2,) pixels, in the frame `begin`, how it moves; its
+    picture (h, w, 3)."""
 
     begin: int
     end: int
     centre: Array
     velocity: Array
-    size: tuple[int, int]
     picture: Any
 
     def paint(self, frame: Frame) -> Frame:
         """The frame with the board before it."""
-        width, height = self.size
+        height, width = self.picture.shape[:2]
         centre = self.centre + (frame.index - self.begin) * self.velocity
         x, y = np.round(centre - [width / 2, height / 2]).astype(int)
         pixels = frame.pixels.copy()
@@ -73,13 +70,13 @@ def boards(landmarks: Array, rng: np.random.Generator) -> Iterator[Board]:
         if k + frames >= len(landmarks):
             return
         face, width = landmarks[k].mean(axis=0), float(np.ptp(landmarks[k, :, 0]))
-        size = tuple(int(v) for v in width * rng.uniform(0.3, 1.5, 2))
+        across, down = (int(v) for v in width * rng.uniform(0.3, 1.5, 2))
         velocity = rng.normal(0, width / 15, 2) * (rng.random() > 1 / 3)
         centre = face + rng.normal(0, 0.35 * width, 2) - 0.5 * frames * velocity
         picture = pictures[rng.integers(len(pictures))]
         row, column = (rng.integers(0, n - PATTERN) for n in picture.shape[:2])
-        piece = cv2.resize(picture[row : row + PATTERN, column : column + PATTERN], size)
-        yield Board(k, k + frames, centre, velocity, (size[0], size[1]), piece)
+        piece = cv2.resize(picture[row : row + PATTERN, column : column + PATTERN], (across, down))
+        yield Board(k, k + frames, centre, velocity, piece)
         k += frames
 
 
@@ -95,8 +92,8 @@ class Frames:
     lost: int
 
 
-def track(sequence: Sequence, frames: list[Frame], landmarks: Landmarks) -> Frames:
-    """Track the frames of a sequence, and note what its confidence is made of."""
+def track(run: Run) -> Frames:
+    """Track a run, and note what its confidence is made of."""
     noted: list[tuple[float, float, float]] = []
 
     def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
@@ -104,12 +101,8 @@ def track(sequence: Sequence, frames: list[Frame], landmarks: Landmarks) -> Fram
         noted.append((float(np.log(np.trace(covariance[:3, :3]))), seen, value))
         return value
 
-    tracker, first = RealtimeTracker(), frames[0]
     with patch.object(realtime, "confidence", confidence):
-        estimates = [tracker.initialize(first, landmarks, sequence.camera_for(first.width, first.height))]
-        estimates += [tracker.track(frame) for frame in frames[1:]]
-    rotations = [np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates]
-    compared = compare(Protocol.REBASED, sequence.read_truth(len(frames)), np.array(rotations))
+        compared = score(RealtimeTracker, run).compared
     return Frames(*np.array(noted).T, compared.rotation_error_deg[~compared.lost], int(compared.lost.sum()))
 
 
@@ -133,16 +126,15 @@ def main() -> None:
     rng = np.random.default_rng(0)
     runs = []
     for sequence in load_dataset("rendered", parser.parse_args().path):
-        frames = list(open_video(sequence.video))
-        landmarks, truth = detect(frames[0])[0], sequence.read_truth(len(frames))
-        assert truth.landmarks is not None
-        runs.append(track(sequence, frames, landmarks))
+        run = prepare(sequence)
+        assert run.truth.landmarks is not None
+        runs.append(track(run))
         for _ in range(RUNS):
-            hidden = list(frames)
-            for board in boards(truth.landmarks, rng):
+            hidden = list(run.frames)
+            for board in boards(run.truth.landmarks, rng):
                 for k in range(board.begin, board.end):
-                    hidden[k] = board.paint(frames[k])
-            runs.append(track(sequence, hidden, landmarks))
+                    hidden[k] = board.paint(run.frames[k])
+            runs.append(track(replace(run, frames=hidden)))
     columns = zip(*((r.spread, r.seen, r.confidence, r.error_deg) for r in runs), strict=True)
     every = Frames(*(np.concatenate(column) for column in columns), sum(r.lost for r in runs))
     diagram = reliability(every.confidence, every.error_deg)

@@ -14,6 +14,9 @@ from mien.geometry.rotation import Array
 
 Float32 = NDArray[np.float32]
 
+_BLANK = 1.0
+"""Standard deviation of grey values below which an image shows nothing but the noise of a camera."""
+
 
 @dataclass(frozen=True)
 class Crop:
@@ -71,6 +74,11 @@ class Crop:
         else:
             shrink = 1
         return region, np.array([x0, y0], dtype=float), shrink
+
+
+def is_blank(gray: Float32) -> bool:
+    """Whether nothing is to be seen in an image: descriptors have unit length and would describe its noise."""
+    return float(cv2.meanStdDev(gray)[1][0, 0]) < _BLANK
 
 
 def blurred(gray: Float32, sd: float) -> Float32:

@@ -115,9 +115,10 @@ def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
     for i in range(n):
         place(i, person, here, R, t, a, view, q[i : i + 1], Y)
         turn_units(i, person[1], R, turned)
-        for k in range(2):
-            differentiate(1.0 - k, 0.0 + k, t, Y[0], view, J[i, k])
-            extend(J[i, k], turned)
+        differentiate(1.0, 0.0, t, Y[0], view, J[i, 0])
+        differentiate(0.0, 1.0, t, Y[0], view, J[i, 1])
+        extend(J[i, 0], turned)
+        extend(J[i, 1], turned)
     return q, J
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mien.appearance.crop import is_blank
 from mien.appearance.views import CENTRE, roll_of
 from mien.candide.model import Candide
 from mien.config import RealtimeSettings
@@ -112,7 +113,7 @@ class RealtimeTracker:
         s = self.settings
         view, solution = self._search(frame)
         status = Status.TRACKED
-        if view.is_blank or solution.share(s.seen_distance) < s.least_share:
+        if solution.share(s.seen_distance) < s.least_share:
             search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
             found = self._recover(frame) if search else None
             if found is None:
@@ -136,7 +137,7 @@ class RealtimeTracker:
         self.lost_frames += 1
         self.velocity = np.zeros(12)
         outside = self.camera.in_image(self._posed(solution.pose), frame.width, frame.height).mean() < 0.5
-        unlike = "the image is blank" if view.is_blank else "nothing here looks like the face of the first frame"
+        unlike = "the image is blank" if is_blank(view.image) else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
 
     def _recover(self, frame: Frame) -> tuple[View, Solution] | None:
@@ -148,7 +149,7 @@ class RealtimeTracker:
             start = Pose(*placed, self.fit.animation)
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
             view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
-            if not view.is_blank and solution.share(s.seen_distance) >= s.recovered_share:
+            if solution.share(s.seen_distance) >= s.recovered_share:
                 return view, solution
         return None
 
@@ -254,9 +255,10 @@ class RealtimeTracker:
         X = self._posed(pose)
         facing = facing_cosine(X, self.face.normals @ pose.R.T) > self.settings.hidden_cosine
         inside = self.camera.in_image(X, frame.width, frame.height)
+        image = crop.sample(frame.pixels, level.descriptor.blur)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
-        return View(level, pose, crop, crop.sample(frame.pixels, level.descriptor.blur), geometry, facing & inside)
+        return View(level, pose, crop, image, geometry, facing & inside & (not is_blank(image)))
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from mien.appearance.crop import Crop
@@ -17,8 +16,6 @@ from mien.tracking.learning import Level
 from mien.tracking.state import Mask
 
 _LEAST_LANDMARKS = 6
-_BLANK = 1.0
-"""Standard deviation of a crop's grey values below which it shows nothing but the noise of a camera."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +60,6 @@ class View:
     image: Float32
     geometry: tuple[Array, ...]
     facing: Mask
-
-    @property
-    def is_blank(self) -> bool:
-        """Whether nothing is to be seen here: descriptors have unit length and would describe the noise."""
-        return float(cv2.meanStdDev(self.image)[1][0, 0]) < _BLANK
 
     @cached_property
     def maps(self) -> Float32:
