@@ -37,9 +37,9 @@ def orientation_maps(gray: Float32, cell: int) -> Float32:
     """Gradient magnitude by orientation, smoothed by a triangle of half width `cell`: (H, W) -> (H, W, 8)."""
     maps = np.zeros((*gray.shape, ORIENTATIONS), np.float32)
     _gradients(gray, maps)
-    rising = np.arange(1, cell + 1, dtype=np.float32)
-    triangle = np.concatenate([rising, rising[-2::-1]]) / cell**2
-    return np.asarray(cv2.sepFilter2D(maps, -1, triangle, triangle, borderType=cv2.BORDER_CONSTANT), np.float32)
+    smooth = np.empty_like(maps)
+    _smooth(maps.reshape(len(maps), -1), np.arange(cell, 0, -1, dtype=np.float32) / cell**2, smooth)
+    return smooth
 
 
 def describe(maps: Float32, points: Array, cell: int, root: float = 0.0) -> Float32:
@@ -100,6 +100,34 @@ def _gradients(gray: Any, maps: Any) -> None:
             f = angles[x] - np.float32(k)
             maps[y, x, k & 7] = magnitudes[x] * (one - f)
             maps[y, x, (k + 1) & 7] = magnitudes[x] * f
+
+
+@kernel()
+def _smooth(maps: Any, triangle: Any, out: Any) -> None:
+    """Both ways by a symmetric filter, of which triangle (cell,) is the half from the middle on: maps (H, W * 8) into
+    out (H, W, 8), with zeros beyond the edges. Twice as fast as OpenCV's."""
+    height, length = maps.shape
+    reach = out.shape[2] * (triangle.size - 1)
+    beyond, row = np.zeros(length, np.float32), np.zeros(length + 2 * reach, np.float32)
+    across = row[reach : reach + length]
+    for y in range(height):
+        here, smooth = maps[y], out[y].reshape(length)
+        for i in range(length):
+            across[i] = triangle[0] * here[i]
+        for k in range(1, triangle.size):
+            _add(across, triangle[k], maps[y - k] if y >= k else beyond, maps[y + k] if y + k < height else beyond)
+        for i in range(length):
+            smooth[i] = triangle[0] * across[i]
+        for k in range(1, triangle.size):
+            shift = out.shape[2] * k
+            _add(smooth, triangle[k], row[reach - shift :], row[reach + shift :])
+
+
+@kernel(inline="always")
+def _add(out: Any, weight: Any, a: Any, b: Any) -> None:
+    """Add to out (m,) a weight times the sum of the first m of a and b."""
+    for i in range(out.size):
+        out[i] += weight * (a[i] + b[i])
 
 
 @kernel()

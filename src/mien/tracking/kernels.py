@@ -78,6 +78,25 @@ def place(i: int, person: Any, around: Any, R: Any, t: Any, a: Any, view: Any, q
 
 
 @kernel()
+def visible(person: Any, normals: Any, R: Any, t: Any, a: Any, view: Any, width: int, height: int, least: float) -> Any:
+    """Which landmarks (n,), with normals (n, 3) in head axes, lie inside the image and face the camera: the cosine of
+    the angle between the normal and the way to the camera is above `least`."""
+    n, camera = normals.shape[0], view[0]
+    here, q, Y, seen = np.zeros((1, 3)), np.empty((1, 2)), np.empty((1, 3)), np.empty(n, np.bool_)
+    for i in range(n):
+        place(i, person, here, R, t, a, view, q, Y)
+        x, y, z = Y[0, 0] + t[0], Y[0, 1] + t[1], Y[0, 2] + t[2]
+        towards = 0.0
+        for r in range(3):
+            turned = R[0, r] * x + R[1, r] * y + R[2, r] * z
+            towards -= turned * normals[i, r]
+        u, v = camera[0] * x + camera[1] * z, camera[0] * y + camera[2] * z
+        inside = z > 1e-6 and 0.0 <= u <= (width - 1) * z and 0.0 <= v <= (height - 1) * z
+        seen[i] = inside and towards > least * np.sqrt(x * x + y * y + z * z)
+    return seen
+
+
+@kernel()
 def differentiate(gu: Any, gv: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
     """Derivative (6,) by the rotation and translation of a pose step of what has the gradient (gu, gv) by crop pixel,
     at a point R h = Y (3,). The last three are that by the point itself."""

@@ -18,7 +18,7 @@ from mien.geometry.rotation import FACING, Array, ray_rotation
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
-from mien.tracking.learning import Level, facing_cosine, learn_face
+from mien.tracking.learning import Level, learn_face
 from mien.tracking.motion import JAW_DROP, Motion
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
@@ -252,13 +252,14 @@ class RealtimeTracker:
     def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
         crop = level.crop(pose.R, pose.t, self.camera)
-        X = self._posed(pose)
-        facing = facing_cosine(X, self.face.normals @ pose.R.T) > self.settings.hidden_cosine
-        inside = self.camera.in_image(X, frame.width, frame.height)
         image = crop.sample(frame.pixels, level.descriptor.blur)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
-        return View(level, pose, crop, image, geometry, facing & inside & (not is_blank(image)))
+        facing = kernels.visible(
+            (self.neutral, self.units), self.face.normals, *pose.arrays, geometry, frame.width, frame.height,
+            self.settings.hidden_cosine,
+        )  # fmt: skip
+        return View(level, pose, crop, image, geometry, facing & (not is_blank(image)))
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""

@@ -8,6 +8,7 @@ nearly the same pose repeat each other's systematic errors and count for less an
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
@@ -51,8 +52,9 @@ class ShapePosterior:
 
     def mean(self) -> Array:
         """The landmarks' positions (n, 3) that are most likely now."""
-        mean: Array = self.start + np.linalg.solve(self.information, self.vector).reshape(-1, 3)
-        return mean
+        _, mean, failed = dposv(self.information.T, self.vector)  # symmetric: its transpose is in the order of LAPACK
+        assert not failed, "the information of the shape is positive definite"
+        return np.asarray(self.start + mean.reshape(-1, 3))
 
     def _bin(self, angle: float) -> int:
         return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)
@@ -66,18 +68,17 @@ def shape_information(B: Array, M: Array, g: Array, weight: Array, R: Array, reg
     head axes: the Schur complement of the pose step in the information of both.
     """
     n = len(B)
-    M, g = weight[:, None, None] * M, weight[:, None] * g
-    Jx = B[:, :2, 3:6] @ R  # crop pixels by position in head axes
-    MJ = M[:, :, :2] @ Jx
-    Bt = np.swapaxes(B, 1, 2)
-    Hss = np.diag(regularizer) + (Bt @ M @ B).sum(axis=0)
-    Hsx = np.swapaxes(Bt @ MJ, 0, 1).reshape(-1, 3 * n)
-    A = np.linalg.solve(Hss, Hsx)
-    Lambda = np.zeros((n, 3, n, 3))
-    Lambda[np.arange(n), :, np.arange(n), :] = np.swapaxes(Jx, 1, 2) @ MJ[:, :2]
-    gradient = np.einsum("nij,ni->nj", Jx, g[:, :2]).ravel()
-    pose_gradient = np.einsum("nia,ni->a", B, g)
-    return Lambda.reshape(3 * n, 3 * n) - Hsx.T @ A, gradient - A.T @ pose_gradient
+    Bt = np.swapaxes(B, 1, 2) * weight[:, None, None]
+    H = Bt @ (M @ B)  # by landmark: of the pose step
+    G = (Bt @ g[:, :, None])[:, :, 0]
+    # A landmark's own place moves it as the translation does, but in head axes; the angles are moved by neither.
+    pose = H.sum(axis=0) + np.diag(regularizer)
+    both = (np.swapaxes(H[:, :, 3:6], 0, 1).reshape(-1, 3) @ R).reshape(-1, 3 * n)
+    A = np.linalg.inv(pose) @ both
+    Lambda = both.T @ -A
+    own = np.arange(n)
+    Lambda.reshape(n, 3, n, 3)[own, :, own, :] += R.T @ H[:, 3:6, 3:6] @ R
+    return Lambda, (G[:, 3:6] @ R).ravel() - A.T @ G.sum(axis=0)
 
 
 def prior_covariance(
