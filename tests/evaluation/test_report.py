@@ -114,11 +114,13 @@ def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
     ]
 
 
-def test_calibration_of_confidence(out: Path) -> None:
-    """Three degrees are right to five, in every frame, at a confidence of 0.75."""
+def test_calibration(out: Path) -> None:
+    """Three degrees are right to five, in every frame, at a confidence of 0.75; at a deviation of one they are outside
+    of every interval, and the other two angles are right."""
     row = _rows(tables.calibration(load_scores(out)))[0]
     assert row["gap of confidence (%)"] == "25.0"
-    assert row["90% interval (%)"] == NONE
+    assert row["90% interval (%)"] == "66.7"
+    assert [row[f"90% of {angle} (%)"] for angle in ("tilt", "pan", "roll")] == ["100.0", "0.0", "100.0"]
 
 
 @pytest.mark.parametrize("name", ["paper", "rebased", "sensor"])

@@ -105,7 +105,8 @@ def truth(angles: Array | None = None) -> Truth:
 
 
 def estimate(frame: Frame, rotation: Array | None = None, shift_px: float = 0.0) -> Estimate:
-    """A tracked face that looks into the camera, its twelve points those of `face68` moved to the right."""
+    """A tracked face that looks into the camera, give or take a degree, its twelve points those of `face68` moved to
+    the right."""
     rows = (36, 39, 42, 45, 30, 33, 31, 35, 48, 54, 51, 57)
     points = face68()[list(rows)] + [shift_px, 0.0]
     status = Status.INITIALIZED if frame.index == 0 else Status.TRACKED
@@ -115,6 +116,7 @@ def estimate(frame: Frame, rotation: Array | None = None, shift_px: float = 0.0)
         status,
         rotation=FACING if rotation is None else rotation,
         animation=np.zeros(6),
+        covariance=np.radians(1.0) ** 2 * np.eye(12),
         landmarks=TrackedLandmarks(POINT_NAMES, points),
         confidence=0.75,
     )

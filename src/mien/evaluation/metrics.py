@@ -13,6 +13,8 @@ from mien.geometry.rotation import Array
 from mien.tracking.state import Mask
 
 COVERAGE_LEVELS = (0.50, 0.90, 0.95)
+ANGLE_LEVEL = 0.90
+"""Of the intervals that are looked at angle by angle: too narrow in one and too wide in another look right together."""
 
 RIGHT_DEG = 5.0
 """`Estimate.confidence` is the probability that the rotation is right to this many degrees."""

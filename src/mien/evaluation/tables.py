@@ -191,16 +191,15 @@ def calibration(scores: Scores) -> Table:
             if chosen:
                 rows.append((tracker, kind, *_calibration_cells(chosen)))
     levels = tuple(f"{level:.0%} interval (%)" for level in metrics.COVERAGE_LEVELS)
+    angles = tuple(f"{metrics.ANGLE_LEVEL:.0%} of {angle} (%)" for angle in ("tilt", "pan", "roll"))
     return Table(
         "calibration",
         "Calibration",
-        f"Share of the errors of the three angles inside the tracker's own intervals. "
-        "The "
-        "normalised error squared is 1 where the covariance is right and more where it is too small. The "
-        "gap is "
-        f"the mean distance of the confidence from the share of frames with an error below "
+        "Share of the errors of the three angles inside the tracker's own intervals. "
+        "The normalised error squared is 1 where the covariance is right and more where it is too small. "
+        "The gap is the mean distance of the confidence from the share of frames with an error below "
         f"{metrics.RIGHT_DEG:g} degrees. Tracked frames after the first.",
-        ("tracker", "kind", *levels, "error² / variance", "gap of confidence (%)"),
+        ("tracker", "kind", *levels, *angles, "error² / variance", "gap of confidence (%)"),
         tuple(rows),
     )
 
@@ -300,6 +299,7 @@ def _calibration_cells(chosen: Sequence[Score]) -> tuple[str, ...]:
     nees = metrics.normalised_error_squared(error, covariance)
     return (
         *(_percent(metrics.coverage(error, sd, level)) for level in metrics.COVERAGE_LEVELS),
+        *(_percent(metrics.coverage(error[:, k], sd[:, k], metrics.ANGLE_LEVEL)) for k in range(3)),
         _number(_mean(nees)),
         _percent(metrics.reliability(confidence, rotation_error).gap),
     )

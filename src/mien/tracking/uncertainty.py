@@ -1,10 +1,11 @@
 """What the tracker says of its own error, calibrated against truth.
 
 The inverse of the Gauss-Newton matrix at the optimum knows the noise of one frame, which grows where the landmarks look
-less like their appearance. It does not know what is wrong in the same way in every frame: an error of the relief turns
-into an error of the angle that grows with the turn out of the first frame's view, and so does an error of the
-head's axes, which the first frame shows to a few degrees only. All are scaled to the errors measured on rendered
-sequences with exact truth; docs/benchmark.md gives the coverage and the reliability that result, and the command.
+less like their appearance. It does not know what is wrong in the same way in every frame: with an error of the relief
+each turn out of the first frame's view is too large or too small by a part of it, and what an error of the head's axes,
+which the first frame shows to a few degrees only, makes of a rotation grows with it too. All are scaled to the errors
+measured on rendered sequences with exact truth; docs/benchmark.md gives the coverage and the reliability that result,
+and the command.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ NOISE_SCALE = 0.18
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-TURN_SD = 0.02
-"""Standard deviation of the rotation, in radians, by the sine of the turn out of the image plane."""
-AXES_SD = np.radians([2.1, 1.4, 0.0])
+RELIEF_SD = 0.055
+"""Standard deviation of the part of a turn out of the image plane by which the rotation is too large or too small."""
+AXES_SD = np.radians([2.1, 1.2, 0.0])
 """Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-2.64, -1.2)
+_CONFIDENCE = (-2.78, -1.24)
 """Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are and with boards of all
 sizes before the face, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
@@ -55,9 +56,12 @@ def frame_variance(d2: Array, seen: float) -> float:
 
 def systematic_covariance(R: Array, R_first: Array) -> Array:
     """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
-    Where these are wrong by d, every R is R exp(d), an error of R d, of which the first frame has R_first d."""
+    A relief that is too deep turns too little, about the axis of the turn out of the image plane. Where the axes are
+    wrong by d, every R is R exp(d), an error of R d, of which the first frame has R_first d."""
+    (x, y, z), (a, b, c) = R_first[:, 2].tolist(), R[:, 2].tolist()
+    turn = RELIEF_SD * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
     moved = (R - R_first) * AXES_SD
-    return np.asarray(TURN_SD**2 * turn_squared(R, R_first) * np.eye(3) + moved @ moved.T)
+    return np.asarray(turn[:, None] * turn + moved @ moved.T)
 
 
 def turn_squared(R: Array, R_first: Array) -> float:
