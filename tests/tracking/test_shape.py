@@ -128,6 +128,19 @@ def test_information_adds_up_to_least_squares() -> None:
     np.testing.assert_allclose(mean, _neutral() + difference.reshape(-1, 3), atol=1e-8)
 
 
+def test_the_relief_is_less_uncertain_the_more_is_known() -> None:
+    """Its deviation is that of the share of the relief that fits a draw of the posterior best."""
+    posterior, weight = _posterior(), 100.0
+    posterior.mean()
+    before = posterior.relief_sd
+    posterior.add(_neutral(), weight * np.eye(78), np.zeros(78))
+    covariance = np.linalg.inv(np.linalg.inv(_prior()) + weight * np.eye(78))
+    stands_out = _neutral()[:, 2] - _neutral()[:, 2].mean()
+    share = np.linalg.pinv((stands_out[:, None] * _rays()).reshape(-1, 1))[0]
+    assert posterior.relief_sd == pytest.approx(np.sqrt(share @ covariance @ share))
+    assert posterior.relief_sd < 0.5 * before
+
+
 def test_poses_that_come_again_say_less_and_less() -> None:
     posterior = _posterior()
     first, second, third = (posterior.novelty(0.01, 0.02, 1.0) for _ in range(3))

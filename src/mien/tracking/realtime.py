@@ -352,7 +352,9 @@ class RealtimeTracker:
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
         share = float(seen.mean())
-        covariance = state_covariance(solution.spread, solution.d2[seen], share, self.pose.R, self.first_rotation)
+        covariance = state_covariance(
+            solution.spread, solution.d2[seen], share, self.pose.R, self.first_rotation, self.shape.relief_sd
+        )
         sure = confidence(covariance, solution.telling, share, self.pose.R, self.first_rotation)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,

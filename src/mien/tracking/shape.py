@@ -7,6 +7,8 @@ nearly the same pose repeat each other's systematic errors and count for less an
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.linalg.lapack import dposv
 
@@ -32,6 +34,8 @@ class ShapePosterior:
         covariance = prior_covariance(neutral, normals, eyes, R, t, settings)
         self.information = np.linalg.inv(covariance)
         self.vector = np.zeros(neutral.size)
+        self.deeper = (_relief(neutral)[:, None] * _rays(neutral, R, t)).ravel()
+        self.relief_sd = math.inf  # until `mean` finds it
         self.seen: dict[tuple[int, int], float] = {}
 
     def novelty(self, tilt: float, pan: float, worth: float) -> float:
@@ -51,10 +55,13 @@ class ShapePosterior:
         return self.mean()
 
     def mean(self) -> Array:
-        """The landmarks' positions (n, 3) that are most likely now."""
-        _, mean, failed = dposv(self.information.T, self.vector)  # symmetric: its transpose is in the order of LAPACK
+        """The landmarks' positions (n, 3) that are most likely now. Also finds `relief_sd`: the standard deviation of
+        the share by which the whole relief is still too deep or too flat."""
+        asked = np.stack([self.vector, self.deeper], axis=1)
+        _, found, failed = dposv(self.information.T, asked)  # symmetric: its transpose is in the order of LAPACK
         assert not failed, "the information of the shape is positive definite"
-        return np.asarray(self.start + mean.reshape(-1, 3))
+        self.relief_sd = math.sqrt(self.deeper @ found[:, 1]) / float(self.deeper @ self.deeper)
+        return np.asarray(self.start + found[:, 0].reshape(-1, 3))
 
     def _bin(self, angle: float) -> int:
         return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)
@@ -91,17 +98,25 @@ def prior_covariance(
     stand off before them.
     """
     n = len(neutral)
-    rays = neutral @ R.T + t
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    rays = rays @ R  # head axes
+    rays, relief = _rays(neutral, R, t), _relief(neutral)
     cosine = np.clip(-(rays * normals).sum(axis=1), 0.0, 1.0)
     slope = np.minimum(np.sqrt(1 - cosine**2) / np.maximum(cosine, 1e-3), _STEEPEST)
     sd = np.hypot(settings.depth_sd, settings.slope_sd * slope)
     mirrored = neutral * [-1, 1, 1]
     together = 0.5 * proximity(neutral, neutral) + 0.35 * proximity(neutral, mirrored) + 0.15 * np.eye(n)
-    relief = neutral[:, 2] - neutral[:, 2].mean()
     depth = together * np.outer(sd, sd) + settings.relief_sd**2 * np.outer(relief, relief)
     depth += settings.eyes_sd**2 * np.outer(eyes, eyes)
     across = settings.lateral_sd**2 * np.einsum("ij,kl->ikjl", np.eye(n), np.eye(3))
     along = np.einsum("ij,ik,jl->ikjl", depth, rays, rays)
     return np.asarray((across + along).reshape(3 * n, 3 * n))
+
+
+def _rays(neutral: Array, R: Array, t: Array) -> Array:
+    """Unit vectors (n, 3), head axes, from the camera to landmarks (n, 3) at a pose."""
+    X = neutral @ R.T + t
+    return np.asarray((X / np.linalg.norm(X, axis=1, keepdims=True)) @ R)
+
+
+def _relief(neutral: Array) -> Array:
+    """How far (n,) landmarks (n, 3) stand out of the face."""
+    return np.asarray(neutral[:, 2] - neutral[:, 2].mean())

@@ -2,8 +2,9 @@
 
 The inverse of the Gauss-Newton matrix at the optimum knows the noise of one frame, which grows where the landmarks look
 less like their appearance. It does not know what is wrong in the same way in every frame: with an error of the relief
-each turn out of the first frame's view is too large or too small by a part of it, and what an error of the head's axes,
-which the first frame shows to a few degrees only, makes of a rotation grows with it too. All are scaled to the errors
+each turn out of the first frame's view is too large or too small by a part of it, less the more turns have taught the
+shape, and what an error of the head's axes, which the first frame shows to a few degrees only, makes of a rotation
+grows with it too. All are scaled to the errors
 measured on rendered sequences with exact truth; docs/benchmark.md gives the coverage and the reliability that result,
 and the command.
 """
@@ -16,17 +17,18 @@ import numpy as np
 
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.18
+NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-RELIEF_SD = 0.055
-"""Standard deviation of the part of a turn out of the image plane by which the rotation is too large or too small."""
-AXES_SD = np.radians([2.1, 1.2, 0.0])
+RELIEF_SCALE, RELIEF_LEAST = 0.45, 0.03
+"""Standard deviation of the part of a turn out of the image plane by which the rotation is too large or too small: by
+that of the relief, and at least."""
+AXES_SD = np.radians([2.2, 1.3, 0.0])
 """Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-2.78, -1.24)
+_CONFIDENCE = (-3.84, -1.43)
 """Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are and with boards of all
 sizes before the face, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
@@ -37,12 +39,13 @@ _STRANGER = (43.0, 3.0, 2.5)
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
 
-def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: Array) -> Array:
+def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: Array, relief_sd: float) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
-    error that the rotation has beyond that of the first frame's, R_first (3, 3)."""
+    error that the rotation has beyond that of the first frame's, R_first (3, 3). relief_sd: see
+    `systematic_covariance`."""
     covariance = frame_variance(d2, seen) * spread
-    covariance[:3, :3] += systematic_covariance(R, R_first)
+    covariance[:3, :3] += systematic_covariance(R, R_first, relief_sd)
     return np.asarray(covariance)
 
 
@@ -54,12 +57,13 @@ def frame_variance(d2: Array, seen: float) -> float:
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
-def systematic_covariance(R: Array, R_first: Array) -> Array:
+def systematic_covariance(R: Array, R_first: Array, relief_sd: float) -> Array:
     """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
-    A relief that is too deep turns too little, about the axis of the turn out of the image plane. Where the axes are
-    wrong by d, every R is R exp(d), an error of R d, of which the first frame has R_first d."""
+    A relief that is too deep, by a share of standard deviation relief_sd, turns too little, about the axis of the turn
+    out of the image plane. Where the axes are wrong by d, every R is R exp(d), an error of R d, of which the first
+    frame has R_first d."""
     (x, y, z), (a, b, c) = R_first[:, 2].tolist(), R[:, 2].tolist()
-    turn = RELIEF_SD * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+    turn = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST) * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
     moved = (R - R_first) * AXES_SD
     return np.asarray(turn[:, None] * turn + moved @ moved.T)
 
