@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -90,6 +91,14 @@ def test_the_smoothing_is_a_triangle(cell: int) -> None:
     u = np.arange(64)
     triangle = np.maximum(1 - np.abs(u[None] - np.array([[31], [32]])) / cell, 0) / cell
     np.testing.assert_allclose(profile, triangle.sum(axis=0), atol=1e-6)
+
+
+@pytest.mark.parametrize(("cell", "shape"), [(4, (20, 31)), (5, (6, 9))])
+def test_beyond_the_edges_is_nothing(cell: int, shape: tuple[int, int]) -> None:
+    gray = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
+    triangle = (cell - np.abs(np.arange(1 - cell, cell))) / cell**2
+    smooth = cv2.sepFilter2D(orientation_maps(gray, 1), -1, triangle, triangle, borderType=cv2.BORDER_CONSTANT)
+    np.testing.assert_allclose(orientation_maps(gray, cell), smooth, atol=1e-4)
 
 
 @pytest.mark.parametrize("root", [0.0, 0.01])

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import describe, orientation_maps
 from mien.appearance.views import rotation, tilt_pan_of
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking import kernels
+from mien.tracking.learning import facing_cosine
 from mien.tracking.optimizers import Simplex
 from strategies import rotation_vectors, rotations, vectors
 
@@ -39,6 +41,22 @@ def _random_person(seed: int, n: int = N) -> tuple[Array, Array]:
 
 def _stepped(R: Array, t: Array, a: Array, step: Array) -> tuple[Array, Array, Array]:
     return exp(step[:3]) @ R, t + step[3:6], a + step[6:]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_visible_faces_the_camera_inside_the_image(seed: int) -> None:
+    R, t, a = _random_pose(seed)
+    neutral, units = _random_person(seed, 200)
+    t = t - [0, 0, 2.5]  # so near that some of it lies outside
+    normals = np.random.default_rng(seed).normal(size=(200, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
+    inside = Camera(*CAMERA).in_image(X, 320, 240)
+    towards = facing_cosine(X, normals @ R.T) > -0.1
+    seen = kernels.visible((neutral, units), normals, R, t, a, (CAMERA, LINEAR, OFFSET, np.eye(3)), 320, 240, -0.1)
+    np.testing.assert_array_equal(seen, inside & towards)
+    assert 0 < inside.sum() < 200
+    assert 0 < towards.sum() < 200
 
 
 @given(rotation_vectors(3.0), rotations())

@@ -4,9 +4,8 @@ The inverse of the Gauss-Newton matrix at the optimum knows the noise of one fra
 less like their appearance. It does not know what is wrong in the same way in every frame: with an error of the relief
 each turn out of the first frame's view is too large or too small by a part of it, less the more turns have taught the
 shape, and what an error of the head's axes, which the first frame shows to a few degrees only, makes of a rotation
-grows with it too. All are scaled to the errors
-measured on rendered sequences with exact truth; docs/benchmark.md gives the coverage and the reliability that result,
-and the command.
+grows with it too. All are scaled to the errors measured on rendered sequences with exact truth; docs/benchmark.md gives
+the coverage and the reliability that result, and the command.
 """
 
 from __future__ import annotations
