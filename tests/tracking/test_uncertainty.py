@@ -9,11 +9,13 @@ from hypothesis import given
 from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking.uncertainty import (
+    ACROSS_SD,
     AXES_SD,
     MISFIT_DISTANCE,
     NOISE_SCALE,
     RELIEF_LEAST,
     RELIEF_SCALE,
+    TRANSLATION_SCALE,
     confidence,
     state_covariance,
     systematic_covariance,
@@ -23,32 +25,33 @@ from strategies import head_rotations, rotation_vectors
 RELIEF_SD = 0.1
 RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2 + RELIEF_LEAST**2
 SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
+ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
+NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
 
 
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(
-        state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING, RELIEF_SD), NOISE_SCALE**2 * SPREAD
-    )
+    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING, RELIEF_SD), NOISE + ACROSS)
 
 
 def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
     R = rotation(0, 0.5, 0)
     perfect = state_covariance(SPREAD, PERFECT, 1.0, R, FACING, RELIEF_SD)
     misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, FACING, RELIEF_SD)
-    np.testing.assert_allclose(misfit - perfect, NOISE_SCALE**2 * SPREAD, atol=1e-15)
+    np.testing.assert_allclose(misfit - perfect, NOISE, atol=1e-15)
 
 
 def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
     half = state_covariance(SPREAD, PERFECT, 0.5, FACING, FACING, RELIEF_SD)
-    np.testing.assert_allclose(half, 2 * state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING, RELIEF_SD))
+    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING, RELIEF_SD)
+    np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
     assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, FACING, RELIEF_SD)).all()
 
 
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
     covariance = state_covariance(SPREAD, PERFECT, 1.0, R, R_first, RELIEF_SD)
-    assert np.linalg.eigvalsh(covariance - NOISE_SCALE**2 * SPREAD).min() > -1e-12
+    assert np.linalg.eigvalsh(covariance - NOISE).min() > -1e-12
     np.testing.assert_array_equal(
         covariance[3:, 3:], state_covariance(SPREAD, PERFECT, 1.0, R_first, R_first, RELIEF_SD)[3:, 3:]
     )

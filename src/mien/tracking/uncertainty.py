@@ -25,6 +25,9 @@ RELIEF_SCALE, RELIEF_LEAST = 0.45, 0.03
 that of the relief, and at least."""
 AXES_SD = np.radians([2.2, 1.3, 0.0])
 """Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
+TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
+"""Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
+what is wrong across the view in every frame."""
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
 _CONFIDENCE = (-3.84, -1.43)
@@ -41,9 +44,11 @@ turn, and the width of the step: between strangers and the same face of three su
 def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: Array, relief_sd: float) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
-    error that the rotation has beyond that of the first frame's, R_first (3, 3). relief_sd: see
-    `systematic_covariance`."""
-    covariance = frame_variance(d2, seen) * spread
+    error that the rotation has beyond that of the first frame's, R_first (3, 3), and t has the unit of length of the
+    fitted face. relief_sd: see `systematic_covariance`."""
+    scale = np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])
+    covariance = frame_variance(d2, seen) * spread * scale * scale[:, None]
+    covariance[[3, 4], [3, 4]] += ACROSS_SD**2
     covariance[:3, :3] += systematic_covariance(R, R_first, relief_sd)
     return np.asarray(covariance)
 
