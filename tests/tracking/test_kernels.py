@@ -53,7 +53,7 @@ def test_visible_faces_the_camera_inside_the_image(seed: int) -> None:
     X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
     inside = Camera(*CAMERA).in_image(X, 320, 240)
     towards = facing_cosine(X, normals @ R.T) > -0.1
-    seen = kernels.visible((neutral, units), normals, R, t, a, (CAMERA, LINEAR, OFFSET, np.eye(3)), 320, 240, -0.1)
+    seen = kernels.visible(X, normals, R, CAMERA, 320, 240, -0.1)
     np.testing.assert_array_equal(seen, inside & towards)
     assert 0 < inside.sum() < 200
     assert 0 < towards.sum() < 200

@@ -78,18 +78,15 @@ def place(i: int, person: Any, around: Any, R: Any, t: Any, a: Any, view: Any, q
 
 
 @kernel()
-def visible(person: Any, normals: Any, R: Any, t: Any, a: Any, view: Any, width: int, height: int, least: float) -> Any:
-    """Which landmarks (n,), with normals (n, 3) in head axes, lie inside the image and face the camera: the cosine of
-    the angle between the normal and the way to the camera is above `least`."""
-    n, camera = normals.shape[0], view[0]
-    here, q, Y, seen = np.zeros((1, 3)), np.empty((1, 2)), np.empty((1, 3)), np.empty(n, np.bool_)
-    for i in range(n):
-        place(i, person, here, R, t, a, view, q, Y)
-        x, y, z = Y[0, 0] + t[0], Y[0, 1] + t[1], Y[0, 2] + t[2]
+def visible(X: Any, normals: Any, R: Any, camera: Any, width: int, height: int, least: float) -> Any:
+    """Which points X (n, 3) in camera axes, with normals (n, 3) in head axes, lie inside the image and face the camera:
+    the cosine of the angle between the normal and the way to the camera is above `least`."""
+    seen = np.empty(X.shape[0], np.bool_)
+    for i in range(X.shape[0]):
+        x, y, z = X[i, 0], X[i, 1], X[i, 2]
         towards = 0.0
         for r in range(3):
-            turned = R[0, r] * x + R[1, r] * y + R[2, r] * z
-            towards -= turned * normals[i, r]
+            towards -= (R[0, r] * x + R[1, r] * y + R[2, r] * z) * normals[i, r]
         u, v = camera[0] * x + camera[1] * z, camera[0] * y + camera[2] * z
         inside = z > 1e-6 and 0.0 <= u <= (width - 1) * z and 0.0 <= v <= (height - 1) * z
         seen[i] = inside and towards > least * np.sqrt(x * x + y * y + z * z)

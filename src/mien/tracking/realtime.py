@@ -256,7 +256,7 @@ class RealtimeTracker:
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
         facing = kernels.visible(
-            (self.neutral, self.units), self.face.normals, *pose.arrays, geometry, frame.width, frame.height,
+            self._posed(pose), self.face.normals, pose.arrays[0], self.camera_vector, frame.width, frame.height,
             self.settings.hidden_cosine,
         )  # fmt: skip
         return View(level, pose, crop, image, geometry, facing & (not is_blank(image)))
