@@ -235,7 +235,7 @@ class Problem:
         """`kernels.solve` from a step (12,) away from the minimum."""
         found: tuple[Any, ...] = kernels.solve(
             *_stepped(*self.minimum, step), self.maps, CELL, ROOT, self.person, self.appearance, self.active,
-            self.scale, self.prior, self.view, iterations, 1e-4,
+            self.scale, self.prior, self.view, iterations, 1e-4, kernels.room_for(len(self.active)),
         )  # fmt: skip
         return found
 

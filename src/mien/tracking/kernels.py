@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mien.appearance.descriptors import _describe
 from mien.compiled import kernel
@@ -379,21 +380,25 @@ def evaluate(
     return energy
 
 
+def room_for(n: int) -> tuple[NDArray[Any], ...]:
+    """Where `solve` puts y, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of everything
+    there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
+    shapes = (n, 4, 4), (n, 4), (n,), (n, 4, STATE), (n,), (STATE, STATE), (STATE,)
+    return np.zeros((2, n, 128), np.float32), *(np.zeros((2, *shape)) for shape in shapes)
+
+
 @kernel()
 def solve(
     R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, iterations: int, tolerance: float,
+    prior: Any, view: Any, iterations: int, tolerance: float, room: Any,
 ) -> Any:  # fmt: skip
-    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen.
+    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. room: see `room_for`.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy,
     H (12, 12), y (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was seen, and
     how often the energy was evaluated.
     """
-    n = person[0].shape[0]
-    # Of everything there are two: what belongs to the lowest point so far, and what the next evaluation fills.
-    y, M, g, d2 = np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n))
-    B, w, H, G = np.zeros((2, n, 4, STATE)), np.zeros((2, n)), np.zeros((2, STATE, STATE)), np.zeros((2, STATE))
+    y, M, g, d2, B, w, H, G = room
     lowest, free = 0, 1
     best, damping = np.inf, 1e-3
     best_R, best_t, best_a = R, t, a

@@ -55,6 +55,6 @@ class PosePosterior:
         """`kernels.solve` from a state."""
         solution: tuple[Any, ...] = kernels.solve(
             np.ascontiguousarray(R), t, a, self.maps, self.cell, self.root, self.person, self.appearance, self.active,
-            self.scale, self.prior, self.view, iterations, tolerance,
+            self.scale, self.prior, self.view, iterations, tolerance, kernels.room_for(len(self.active)),
         )  # fmt: skip
         return solution
