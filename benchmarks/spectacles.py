@@ -53,13 +53,15 @@ def spectacles(head: Array) -> tuple[list[Array], list[Array]]:
     return rims, temples
 
 
-def worn(pixels: Pixels, rims: list[Array], temples: list[Array], R: Array, t: Array) -> Pixels:
-    """The image with spectacles on the head at R (3, 3), t (3,)."""
+def worn(
+    pixels: Pixels, rims: list[Array], temples: list[Array], R: Array, t: Array, rim: float, reflection: float
+) -> Pixels:
+    """The image with spectacles on the head at R (3, 3), t (3,); rim: width of the rims; reflection: grey values."""
     s = SUPERSAMPLING
     height, width = pixels.shape[:2]
     image = cv2.resize(pixels, None, fx=s, fy=s, interpolation=cv2.INTER_CUBIC).astype(np.float32)
     lines = np.zeros(image.shape[:2], np.float32)
-    thick = max(1, round(RIM_WIDTH * CAMERA.focal_px / t[2] * s))
+    thick = max(1, round(rim * CAMERA.focal_px / t[2] * s))
 
     def drawn(points: Array) -> Array:
         p = CAMERA.project(points @ R.T + t)[0]
@@ -71,7 +73,7 @@ def worn(pixels: Pixels, rims: list[Array], temples: list[Array], R: Array, t: A
         cv2.fillPoly(lens, [p], 1.0, cv2.LINE_AA)
         place = p.mean(axis=0) - s * (30 * R[:2, 2] + [4, 3])
         cv2.ellipse(spot, (int(place[0]), int(place[1])), (5 * s, 3 * s), -30, 0, 360, 1.0, -1, cv2.LINE_AA)
-        image += (REFLECTION * lens * cv2.GaussianBlur(spot, (0, 0), s) - LENS_SHADE * 128 * lens)[:, :, None]
+        image += (reflection * lens * cv2.GaussianBlur(spot, (0, 0), s) - LENS_SHADE * 128 * lens)[:, :, None]
         cv2.polylines(lines, [p], True, 1.0, thick, cv2.LINE_AA)
         if (temple[0] @ R.T + t) @ R[:, 0] * outwards < 0:  # its side of the head faces the camera
             cv2.polylines(lines, [drawn(temple)], False, 1.0, thick, cv2.LINE_AA)
@@ -86,6 +88,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--rim", type=float, default=RIM_WIDTH, help="width of the rims, units of the truth")
+    parser.add_argument("--reflection", type=float, default=REFLECTION, help="grey values")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     for truth in sorted(arguments.path.glob("*_truth.npz")):
@@ -100,7 +104,9 @@ def main() -> None:
         codec = cv2.VideoWriter.fourcc(*"FFV1")  # lossless
         writer = cv2.VideoWriter(str(arguments.out / f"{name}.avi"), codec, 30, size)
         for frame, R_frame, t_frame in zip(frames, R, t, strict=True):
-            writer.write(worn(frame.pixels, rims, temples, R_frame, t_frame)[:, :, ::-1])
+            writer.write(
+                worn(frame.pixels, rims, temples, R_frame, t_frame, arguments.rim, arguments.reflection)[:, :, ::-1]
+            )
         writer.release()
         shutil.copy(truth, arguments.out)
         print(arguments.out / f"{name}.avi", flush=True)
