@@ -174,13 +174,17 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
 }
 
 
+def track(tracker: RealtimeTracker, run: Run) -> list[Estimate]:
+    """A new tracker's estimates of every frame."""
+    first = run.frames[0]
+    begun = tracker.initialize(first, run.landmarks, run.sequence.camera_for(first.width, first.height))
+    return [begun, *(tracker.track(frame) for frame in run.frames[1:])]
+
+
 def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
     """What a tracker makes of a run."""
-    tracker, sequence, first = make(), run.sequence, run.frames[0]
-    estimates = [tracker.initialize(first, run.landmarks, sequence.camera_for(first.width, first.height))]
-    estimates += [tracker.track(frame) for frame in run.frames[1:]]
-    track = TrackTable.of(estimates)
-    result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=track, truth=run.truth)
+    sequence, table = run.sequence, TrackTable.of(track(make(), run))
+    result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
     return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
 
 

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 
 from mien.errors import MienError
-from mien.evaluation.protocols import Protocol, angles_deg, relative, wrap_deg
+from mien.evaluation.datasets.sequence import Truth
+from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import TrackTable
 from mien.geometry.camera import Camera
 from mien.initialization.detector import detect
@@ -127,10 +128,10 @@ def row(name: str, clean: list[TrackTable], disturbed: list[TrackTable | None], 
         if other is None:
             refused += 1
             continue
-        angles = (angles_deg(relative(Protocol.REBASED, R), "XYZ") for R in (whole.rotation[::step], other.rotation))
-        difference = np.abs(wrap_deg(next(angles) - next(angles))).mean(axis=1)
-        known = np.isfinite(difference)
-        moved.append(difference[known])
+        truth = Truth(other.frames, rotations=whole.rotation[::step])
+        compared = compare(Protocol.REBASED, truth, other.rotation)
+        known = compared.known & ~compared.lost
+        moved.append(np.abs(compared.error_deg[known]).mean(axis=1))
         lost += int((~known).sum())
         unsure += int((other.confidence[known] < 0.5).sum())
     cells = (np.mean([m.mean() for m in moved]), max(m.mean() for m in moved), np.percentile(np.concatenate(moved), 95))

@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare
+from ablation import Run, prepare, track
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.metrics import ANGLE_LEVEL, coverage
@@ -23,11 +23,8 @@ from mien.tracking.realtime import RealtimeTracker
 def errors(run: Run, truth: Array) -> tuple[Array, Array]:
     """Errors of the translation (m, 3) in units of the truth (n, 3), and their deviations as the tracker gives them,
     in the frames that are not lost."""
-    tracker, first = RealtimeTracker(), run.frames[0]
-    estimates = [tracker.initialize(first, run.landmarks, run.sequence.camera_for(first.width, first.height))]
-    estimates += [tracker.track(frame) for frame in run.frames[1:]]
     t, R, sd, true = [], [], [], []
-    for estimate, of_truth in zip(estimates, truth, strict=True):
+    for estimate, of_truth in zip(track(RealtimeTracker(), run), truth, strict=True):
         if estimate.rotation is None or estimate.translation is None or estimate.covariance is None:
             continue
         t.append(estimate.translation)

@@ -16,7 +16,6 @@ from mien.appearance.views import rotation, tilt_pan_of
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking import kernels
-from mien.tracking.learning import facing_cosine
 from mien.tracking.optimizers import Simplex
 from strategies import rotation_vectors, rotations, vectors
 
@@ -52,7 +51,7 @@ def test_visible_faces_the_camera_inside_the_image(seed: int) -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
     inside = Camera(*CAMERA).in_image(X, 320, 240)
-    towards = facing_cosine(X, normals @ R.T) > -0.1
+    towards = -(X * (normals @ R.T)).sum(axis=1) / np.linalg.norm(X, axis=1) > -0.1
     seen = kernels.visible(X, normals, R, CAMERA, 320, 240, -0.1)
     np.testing.assert_array_equal(seen, inside & towards)
     assert 0 < inside.sum() < 200

@@ -131,7 +131,6 @@ def test_information_adds_up_to_least_squares() -> None:
 def test_the_relief_is_less_uncertain_the_more_is_known() -> None:
     """Its deviation is that of the share of the relief that fits a draw of the posterior best."""
     posterior, weight = _posterior(), 100.0
-    posterior.mean()
     before = posterior.relief_sd
     posterior.add(_neutral(), weight * np.eye(78), np.zeros(78))
     covariance = np.linalg.inv(np.linalg.inv(_prior()) + weight * np.eye(78))

@@ -41,6 +41,11 @@ class Camera:
         """Camera with its principal point in the centre of an image of this size in pixels."""
         return cls(float(focal_px), 0.5 * (width - 1), 0.5 * (height - 1))
 
+    @property
+    def vector(self) -> Array:
+        """(3,) focal length and principal point, as kernels take them."""
+        return np.array([self.focal_px, self.cx, self.cy], dtype=float)
+
     def project(self, X: Array) -> tuple[Array, NDArrayBool]:
         """Image points of camera points, and which of them lie in front of the camera.
 

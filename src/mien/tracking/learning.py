@@ -21,7 +21,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
-from mien.tracking.kernels import polynomial
+from mien.tracking import kernels
 from mien.video import Frame
 
 CROP_UNITS = 1.75
@@ -120,8 +120,8 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
             blinks.append(look(posed, closed[k // _BLINK_VIEWS % len(closed)]) - samples[-1])
         if k % _LIT_VIEWS == 0:
             lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng)) - samples[-1])
-        terms.append(polynomial(tilt, pan, limit)[0])
-        visible.append(facing_cosine(posed[1], face.normals @ R.T) > s.hidden_cosine)
+        terms.append(kernels.polynomial(tilt, pan, limit)[0])
+        visible.append(kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine))
     shares = ((blinks, s.blink_share), (lights, 1.0))
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(
@@ -160,11 +160,6 @@ def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> A
     direction = np.append(rng.standard_normal(2), 0.0)
     direction *= contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)
     return np.asarray(np.exp(normals @ direction))
-
-
-def facing_cosine(X: Array, normals: Array) -> Array:
-    """Cosine (n,) of the angle between normals (n, 3) and the rays from points X (n, 3) back to the camera."""
-    return np.asarray(-(X * normals).sum(axis=1) / np.linalg.norm(X, axis=1))
 
 
 def _normals_at(points: Array, surface: Surface, camera: Camera) -> Array:

@@ -65,7 +65,7 @@ class RealtimeTracker:
         s = self.settings
         landmarks.check(frame.width, frame.height)
         self.camera = camera
-        self.camera_vector = np.array([camera.focal_px, camera.cx, camera.cy], dtype=float)
+        self.camera_vector = camera.vector
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
         vertices, n = list(TRACKED.values()), len(TRACKED)
         self.face = learn_face(frame, landmarks, self.fit, camera, vertices, s)
@@ -75,7 +75,7 @@ class RealtimeTracker:
         self.shape = deepcopy(self.known_shape) or ShapePosterior(
             self.face.neutral, self.face.normals, eyes, self.fit.R, self.fit.t, s
         )
-        self.neutral = self.shape.mean()
+        self.neutral = self.shape.mean
         self.adapted = np.zeros((n, 128), np.float32)
         self.expected = np.full(n, s.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.

@@ -22,7 +22,11 @@ _STEEPEST = 6.0
 
 
 class ShapePosterior:
-    """Information form of a Gaussian over n landmarks' positions (n, 3), head axes, CANDIDE units."""
+    """Information form of a Gaussian over n landmarks' positions (n, 3), head axes, CANDIDE units.
+
+    mean: the positions (n, 3) that are most likely now; relief_sd: standard deviation of the share by which the whole
+    relief is still too deep or too flat.
+    """
 
     def __init__(
         self, neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
@@ -35,8 +39,8 @@ class ShapePosterior:
         self.information = np.linalg.inv(covariance)
         self.vector = np.zeros(neutral.size)
         self.deeper = (_relief(neutral)[:, None] * _rays(neutral, R, t)).ravel()
-        self.relief_sd = math.inf  # until `mean` finds it
         self.seen: dict[tuple[int, int], float] = {}
+        self._solve()
 
     def novelty(self, tilt: float, pan: float, worth: float) -> float:
         """How much of a frame's information at this pose (radians) is new, in [0, 1]; counts the frame.
@@ -52,16 +56,16 @@ class ShapePosterior:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
         self.information += Lambda
         self.vector += Lambda @ (neutral - self.start).ravel() - gradient
-        return self.mean()
+        self._solve()
+        return self.mean
 
-    def mean(self) -> Array:
-        """The landmarks' positions (n, 3) that are most likely now. Also finds `relief_sd`: the standard deviation of
-        the share by which the whole relief is still too deep or too flat."""
+    def _solve(self) -> None:
+        """Find `mean` and `relief_sd`."""
         asked = np.stack([self.vector, self.deeper], axis=1)
         _, found, failed = dposv(self.information.T, asked)  # symmetric: its transpose is in the order of LAPACK
         assert not failed, "the information of the shape is positive definite"
         self.relief_sd = math.sqrt(self.deeper @ found[:, 1]) / float(self.deeper @ self.deeper)
-        return np.asarray(self.start + found[:, 0].reshape(-1, 3))
+        self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
 
     def _bin(self, angle: float) -> int:
         return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)

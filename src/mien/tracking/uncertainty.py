@@ -28,6 +28,7 @@ AXES_SD = np.radians([2.2, 1.3, 0.0])
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
+_SCALES = np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
 _CONFIDENCE = (-3.84, -1.43)
@@ -46,8 +47,7 @@ def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: A
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
     error that the rotation has beyond that of the first frame's, R_first (3, 3), and t has the unit of length of the
     fitted face. relief_sd: see `systematic_covariance`."""
-    scale = np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])
-    covariance = frame_variance(d2, seen) * spread * scale * scale[:, None]
+    covariance = frame_variance(d2, seen) * spread * _SCALES * _SCALES[:, None]
     covariance[[3, 4], [3, 4]] += ACROSS_SD**2
     covariance[:3, :3] += systematic_covariance(R, R_first, relief_sd)
     return np.asarray(covariance)
