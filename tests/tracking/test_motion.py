@@ -12,7 +12,7 @@ from mien.appearance.views import rotation
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
-from mien.tracking.motion import JAW_DROP, Motion, _take_patches
+from mien.tracking.motion import JAW_DROP, Motion, take_patches
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Pose, Prediction, View
 from mien.video import Frame
@@ -96,9 +96,9 @@ def test_derivatives_against_differences() -> None:
 
     def values(step: Array) -> Array:
         pose = exp(step[:3]) @ R, t + step[3:6], a + step[6:]
-        return np.asarray(_take_patches(image, person, patches, pose, view)[0], float)
+        return np.asarray(take_patches(image, person, patches, pose, view)[0], float)
 
-    _, norms, rigid, JJ, turned = _take_patches(image, person, patches, (R, t, a), view)
+    _, norms, rigid, JJ, turned = take_patches(image, person, patches, (R, t, a), view)
     J = np.concatenate([rigid, np.einsum("nkr,nrm->nkm", turned, rigid[:, 3:])], axis=1)
     np.testing.assert_allclose(norms, np.linalg.norm(values(np.zeros(12)), axis=1), rtol=1e-5)
     np.testing.assert_allclose(JJ, np.einsum("nkm,nlm->nkl", J, J), rtol=1e-4, atol=1e-2)

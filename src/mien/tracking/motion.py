@@ -50,7 +50,7 @@ class Motion:
         person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
         each landmark is the face's and not something's before it.
         """
-        self.template = _take_patches(image, person, self.patches, pose, view)
+        self.template = take_patches(image, person, self.patches, pose, view)
         self.weight = weight
 
     def measure(
@@ -59,7 +59,7 @@ class Motion:
         """The pose (R, t, animation) at which a crop shows the patches best, and the covariance (12, 12) of a step
         away from it, in units of the energy of Eq. (9); prior: predicted pose and information, as `kernels.solve`'s."""
         s = self.settings
-        R, t, a, information = _align(
+        R, t, a, information = align(
             image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
             s.motion_iterations, s.tolerance,
         )  # fmt: skip
@@ -89,7 +89,7 @@ def _read(image: Any, x: float, y: float) -> Any:
 
 
 @kernel()
-def _take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
+def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
     """Values (n, m) less their mean, their norms (n,), their derivatives (n, 6, m) by rotation and translation less the
     mean, the sums (n, 12, 12) of the products of those by the whole pose step, and the units (n, 6, 3) in camera axes.
 
@@ -154,7 +154,7 @@ def _compare(image: Any, q: Any, values: Any, norm: float, residual: Any) -> Any
 
 
 @kernel()
-def _align(
+def align(
     image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
     iterations: int, tolerance: float,
 ) -> Any:  # fmt: skip

@@ -18,6 +18,7 @@ from mien.geometry.rotation import FACING, Array, ray_rotation
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
+from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level, learn_face
 from mien.tracking.motion import JAW_DROP, Motion
 from mien.tracking.posterior import PosePosterior
@@ -68,7 +69,8 @@ class RealtimeTracker:
         self.camera_vector = camera.vector
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
         vertices, n = list(TRACKED.values()), len(TRACKED)
-        self.face = learn_face(frame, landmarks, self.fit, camera, vertices, s)
+        with compiled_beside():
+            self.face = learn_face(frame, landmarks, self.fit, camera, vertices, s)
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, vertices])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
         eyes = np.array(["eye" in name or "brow" in name for name in TRACKED])

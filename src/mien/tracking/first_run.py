@@ -1,0 +1,111 @@
+"""The first run made shorter: what tracking compiles is compiled by two processes.
+
+Kernels are kept on disk once they are compiled. The first time most of the waiting is for `kernels.solve`, and nothing
+has to be known of the video to compile it: a process of its own does so, while this one learns the face and compiles
+the rest. Where that fails, everything is compiled here when it is called, as without it.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from numba import types
+
+from mien.tracking import kernels, motion
+
+_PATIENCE_S = 120
+_BESIDE = "from mien.tracking import first_run; first_run.compile_solve()"
+
+
+def _array(dimensions: int, entry: Any = types.float64) -> Any:
+    return types.Array(entry, dimensions, "C")
+
+
+def _single(dimensions: int) -> Any:
+    return _array(dimensions, types.float32)
+
+
+_POSE = (_array(2), _array(1), _array(1))
+_PERSON = types.Tuple((_array(2), _array(3)))
+_VIEW = types.Tuple((_array(1), _array(2), _array(1), _array(2)))
+_PRIOR = types.Tuple((*_POSE, _array(2), _array(1), _array(1)))
+_APPEARANCE = types.Tuple((_single(3), _single(2), _single(3), _single(2), _single(1), _array(1), _array(2)))
+_ROOM = types.Tuple((_single(3), *(_array(k) for k in (4, 3, 2, 4, 2, 3, 2))))
+_TEMPLATE = types.Tuple((_single(2), _array(1), _single(3), _array(3), _array(3)))
+
+Kernel = tuple[Any, tuple[Any, ...]]
+SOLVE: Kernel = (
+    kernels.solve,
+    (*_POSE, _single(3), types.int64, types.float64, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW,
+     types.int64, types.float64, _ROOM),
+)  # fmt: skip
+TAKE_PATCHES: Kernel = motion.take_patches, (_single(2), _PERSON, _array(3), types.Tuple(_POSE), _VIEW)
+ALIGN: Kernel = (
+    motion.align,
+    (_single(2), _PERSON, _array(3), _TEMPLATE, _array(1), _PRIOR, _VIEW, types.float64, types.int64, types.float64),
+)
+"""Kernels, and the types of what tracking calls them with."""
+
+
+def compile_solve() -> None:
+    """What the other process does."""
+    gc.disable()  # a tenth of its time, for a process that ends soon
+    _compile(SOLVE)
+
+
+@contextmanager
+def compiled_beside() -> Iterator[None]:
+    """Have `kernels.solve` compiled in another process while the body runs, unless it is on disk already or there is
+    one processor alone; the kernels of motion are compiled here after it."""
+    helper = None if _is_kept() or _processors() < 2 else _start()
+    try:
+        yield
+        if helper is not None:
+            _compile(TAKE_PATCHES)
+            _compile(ALIGN)
+            with suppress(subprocess.TimeoutExpired):
+                helper.wait(_PATIENCE_S)
+    finally:
+        if helper is not None and helper.poll() is None:
+            helper.kill()
+            helper.wait()
+
+
+def _compile(kernel: Kernel) -> None:
+    """Compile a kernel for what tracking calls it with, or read it from disk."""
+    function, arguments = kernel
+    function.compile(arguments)
+
+
+def _is_kept() -> bool:
+    """Whether `kernels.solve` was compiled before, later than its file was written; True where nothing is kept."""
+    source, folder = Path(kernels.__file__), SOLVE[0].stats.cache_path
+    if folder is None:
+        return True
+    kept = Path(folder).glob(f"{source.stem}.{kernels.solve.__name__}-*.nbi")
+    return any(index.stat().st_mtime > source.stat().st_mtime for index in kept)
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _start() -> subprocess.Popen[bytes] | None:
+    """A Python that compiles and finds its modules where this one does; None where there is none."""
+    if not sys.executable or getattr(sys, "frozen", False):
+        return None
+    path = os.pathsep.join(str(Path(p).resolve()) for p in sys.path)
+    with suppress(OSError):
+        return subprocess.Popen(
+            [sys.executable, "-c", _BESIDE],
+            env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"},
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+    return None

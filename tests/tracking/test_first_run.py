@@ -1,0 +1,75 @@
+"""The first run: what is compiled beside it is what tracking then calls, and what goes wrong there harms nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mien.tracking import first_run
+
+FIRST_RUN = """
+from mien.tracking import first_run, kernels
+from mien.tracking.realtime import RealtimeTracker
+from small_motion import run, small_motion
+
+assert not first_run._is_kept()
+estimates = run(RealtimeTracker(), small_motion())
+assert all(e.status.success for e in estimates)
+assert first_run._is_kept()
+for kernel, arguments in (first_run.SOLVE, first_run.ALIGN, first_run.TAKE_PATCHES):
+    assert kernel.signatures == [arguments], kernel
+print(kernels.solve.stats.cache_misses.total(), "compiled here")
+"""
+
+
+@pytest.mark.skipif(first_run._processors() < 2, reason="nothing is compiled beside on one processor")
+def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST_RUN], env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "0 compiled here"
+
+
+@pytest.fixture
+def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first_run, "_is_kept", lambda: False)
+    monkeypatch.setattr(first_run, "_processors", lambda: 2)
+
+
+@pytest.mark.usefixtures("first_time")
+@pytest.mark.parametrize("executable", ["", "/nowhere/python"])
+def test_without_another_python_nothing_is_lost(executable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", executable)
+    done = []
+    with first_run.compiled_beside():
+        done.append(True)
+    assert done
+
+
+@pytest.mark.usefixtures("first_time")
+def test_the_other_process_ends_with_an_error_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first_run, "_BESIDE", "import time; time.sleep(60)")
+    started: list[subprocess.Popen[bytes]] = []
+    start = first_run._start
+
+    def noted() -> subprocess.Popen[bytes] | None:
+        helper = start()
+        assert helper is not None
+        started.append(helper)
+        return helper
+
+    def stopped_in_the_body() -> None:
+        with first_run.compiled_beside():
+            assert started[0].poll() is None
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(first_run, "_start", noted)
+    with pytest.raises(KeyboardInterrupt):
+        stopped_in_the_body()
+    assert started[0].poll() is not None
