@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,6 +123,21 @@ def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
     with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
         pipeline.read_camera(tmp_path / "c.json")
+
+
+@pytest.mark.parametrize("passes", [1, 2])
+def test_progress_hears_of_the_search_for_a_face(passes: int, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    def third_frame(frames: Iterator[Frame]) -> tuple[Frame, list[Landmarks]]:
+        frame = next(frame for frame in frames if frame.index == 2)
+        assert heard == [(0, "lost"), (1, "lost")]  # while it is looked for
+        return frame, [replace(known_portrait().landmarks, frame_index=2, time=frame.time)]
+
+    heard: list[tuple[int, str]] = []
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker())
+    monkeypatch.setattr("mien.initialization.detector.first_with_a_face", third_frame)
+    with pytest.warns(MienWarning, match="first found"):
+        mien.track(folder, passes=passes, progress=lambda e, total: heard.append((e.index, e.status.value)))
+    assert heard == passes * list(enumerate(["lost", "lost", "initialized", "tracked", "tracked", "tracked"]))
 
 
 class PatientTracker(StillTracker):

@@ -57,13 +57,15 @@ class RepeatableTracker(Protocol):
 @dataclass(frozen=True)
 class Start:
     """All that tracking begins with. first: the frame that the landmarks belong to; frames: those that are tracked, the
-    first among them, and before it those that come before there is a face."""
+    first among them, and before it those that come before there is a face; looked_at: how many of these were told of
+    already, when a face was looked for in them."""
 
     video: Video
     first: Frame
     frames: Iterator[Frame]
     landmarks: Landmarks
     camera: Camera
+    looked_at: int = 0
 
 
 def track(
@@ -96,15 +98,19 @@ def track(
     """
     tracker = create_tracker(preset)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
-    begin = prepare(video, landmarks, camera, focal_px, fov_deg, start, end)
+
+    def tell(source: Video, estimate: Estimate) -> None:
+        count = expected_count(source, start, end)
+        if progress is not None:
+            progress(estimate, None if count is None else passes * count)
+
+    begin = prepare(video, landmarks, camera, focal_px, fov_deg, start, end, tell)
     _check_passes(passes, begin.video, tracker, preset)
-    count = expected_count(begin.video, start, end)
-    total = None if count is None else passes * count
     for turn in range(1, passes + 1):
         if turn > 1 and isinstance(tracker, RepeatableTracker):
             tracker = tracker.again()
-            begin = replace(begin, frames=select(begin.video, start, end))
-        result = _one_pass(Pass(begin, preset, tracker, turn), files, total, progress, last=turn == passes)
+            begin = replace(begin, frames=select(begin.video, start, end), looked_at=0)
+        result = _one_pass(Pass(begin, preset, tracker, turn), files, tell, last=turn == passes)
         files.write(result)
     return result
 
@@ -119,7 +125,7 @@ class Pass:
     turn: int
 
 
-def _one_pass(this: Pass, files: Destination, total: int | None, progress: Progress | None, last: bool) -> Track:
+def _one_pass(this: Pass, files: Destination, tell: Callable[[Video, Estimate], None], last: bool) -> Track:
     """The track of one pass, of which only the last is drawn; where it is stopped, what it has is written, unless a
     whole pass already is."""
     with Recorder(files.table) as recorder:
@@ -128,8 +134,8 @@ def _one_pass(this: Pass, files: Destination, total: int | None, progress: Progr
                 for frame, estimate in run(this.tracker, this.begin):
                     recorder.add(estimate)
                     draw(frame, estimate)
-                    if progress is not None:
-                        progress(estimate, total)
+                    if recorder.count > this.begin.looked_at:
+                        tell(this.begin.video, estimate)
         except BaseException as error:
             if this.turn > 1 and files.table is not None:
                 warn(f"stopped in the second pass; {files.table} holds the first")
@@ -158,15 +164,24 @@ def prepare(
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
+    tell: Callable[[Video, Estimate], None] = lambda video, estimate: None,
 ) -> Start:
     """Open the video, choose the camera, find the face: where no landmarks are given, in the first frame that shows
-    one; where they belong to a later frame, there. Raises MienError for bad input."""
+    one, and `tell` hears of those that show none; where they belong to a later frame, there. Raises MienError for bad
+    input."""
     source = open_video(video)
     frames = select(source, start, end)
     earliest = next(frames)
     chosen = choose_camera(earliest, camera, focal_px, fov_deg)
+    faceless = 0
     if landmarks is None:
-        first, landmarks = find_face(chain([earliest], frames), source.name)
+
+        def without_face(frame: Frame) -> None:
+            nonlocal faceless
+            faceless += 1
+            tell(source, _not_yet(frame))
+
+        first, landmarks = find_face(chain([earliest], frames), source.name, without_face)
     else:
         if not isinstance(landmarks, Landmarks):
             landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
@@ -175,7 +190,7 @@ def prepare(
     # A camera shows every frame once: what came before the face is gone.
     seen_again = first is not earliest and source.path is not None
     frames = select(source, start, end) if seen_again else chain([first], frames)
-    return Start(source, first, frames, _as_written(landmarks), chosen)
+    return Start(source, first, frames, _as_written(landmarks), chosen, faceless if seen_again else 0)
 
 
 def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
@@ -222,16 +237,20 @@ def run(tracker: Tracker, begin: Start) -> Iterator[tuple[Frame, Estimate]]:
     """Each frame with its estimate; before the first that has landmarks the face is not there yet."""
     for frame in begin.frames:
         if frame.index < begin.first.index:
-            yield frame, Estimate.lost(frame, "no face was seen yet")
+            yield frame, _not_yet(frame)
         elif frame.index == begin.first.index:
             yield frame, tracker.initialize(frame, begin.landmarks, begin.camera)
         else:
             yield frame, tracker.track(frame)
 
 
-def find_face(frames: Iterable[Frame], name: str) -> tuple[Frame, Landmarks]:
-    """The first frame with a face, and the largest that is there. Raises MienError if there is none; warns where it is
-    not the first of the frames, or has several faces."""
+def _not_yet(frame: Frame) -> Estimate:
+    return Estimate.lost(frame, "no face was seen yet")
+
+
+def find_face(frames: Iterable[Frame], name: str, without_face: Callable[[Frame], None]) -> tuple[Frame, Landmarks]:
+    """The first frame with a face, and the largest that is there; `without_face` is called with those before it. Raises
+    MienError if there is none; warns where it is not the first of the frames, or has several faces."""
     from mien.initialization.detector import first_with_a_face
 
     times: list[float] = []
@@ -240,6 +259,7 @@ def find_face(frames: Iterable[Frame], name: str) -> tuple[Frame, Landmarks]:
         for frame in frames:
             times.append(frame.time)
             yield frame
+            without_face(frame)
 
     found = first_with_a_face(noted())
     if found is None:

@@ -1,7 +1,8 @@
 """Faces of a frame found by MediaPipe, when the extra `auto` is installed.
 
 The network is asked several times, on slightly turned and scaled copies of the frame, and its answers are
-averaged: everything that follows rests on this one frame.
+averaged: everything that follows rests on this one frame. What it sees in the frame and in few of the copies is no
+face: a texture that happens to look like one.
 """
 
 from __future__ import annotations
@@ -45,9 +46,10 @@ def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] 
     """
     with _face_mesh(_MAXIMUM_FACES) as mesh:
         for frame in frames:
-            faces = _largest_first(mesh, frame)
+            seen_again = (_average(frame, face) for face in _largest_first(mesh, frame))
+            faces = [_landmarks(frame, face) for face in seen_again if face is not None]
             if faces:
-                return frame, [_landmarks(frame, _average(frame, f)) for f in faces]
+                return frame, faces
     return None
 
 
@@ -69,8 +71,9 @@ def _landmarks(frame: Frame, face: Array) -> Landmarks:
     return Landmarks(face[:, :2], "mediapipe478", face[:, 2], frame.index, frame.time, "detected face")
 
 
-def _average(frame: Frame, face: Array) -> Array:
-    """Mean of one face's points (478, 3) over turned and scaled copies of the image around it."""
+def _average(frame: Frame, face: Array) -> Array | None:
+    """Mean of one face's points (478, 3) over turned and scaled copies of the image around it; None where less than
+    half of the copies show it."""
     centre = 0.5 * (face[:, :2].min(axis=0) + face[:, :2].max(axis=0))
     side = 2.2 * float(np.ptp(face[:, :2], axis=0).max())
     size = int(np.clip(side, 256, 640))
@@ -84,7 +87,7 @@ def _average(frame: Frame, face: Array) -> Array:
                 answers.append(_uncrop(found[0], A))
     # A copy in which another face or nothing was found is outvoted.
     near = [a for a in answers if np.abs(a[:, :2] - face[:, :2]).mean() < 0.1 * side]
-    return np.mean(near, axis=0) if near else face
+    return np.mean(near, axis=0) if 2 * len(near) >= len(_COPIES) else None
 
 
 def _crop_matrix(centre: Array, turn_deg: float, scale: float, size: int) -> Array:

@@ -1,0 +1,45 @@
+"""The face of the first frame, as the detector finds it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mien.initialization import detector
+from mien.video import Frame, Pixels
+from small_motion import face, small_motion
+
+pytest.importorskip("mediapipe", reason="the extra `auto` is not installed")
+
+
+def _texture() -> Frame:
+    pixels = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
+    return replace(small_motion().frames[0], pixels=pixels)
+
+
+def test_the_portrait_is_found() -> None:
+    (found,) = detector.detect(small_motion().frames[0])
+    _, points, depths = found.correspondences()
+    _, known, _ = face().landmarks.correspondences()
+    assert np.abs(points.mean(axis=0) - known.mean(axis=0)).max() < 3
+    assert depths is not None
+
+
+def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The network takes a texture for a face; turned and scaled it does not."""
+    texture, portrait = _texture(), replace(small_motion().frames[1], index=1)
+    read = detector.read_faces
+    seen_once = np.random.default_rng(1).uniform(60, 180, (478, 3))
+
+    def fooled(mesh: Any, pixels: Pixels) -> Any:
+        return [seen_once] if pixels is texture.pixels else read(mesh, pixels)
+
+    monkeypatch.setattr(detector, "read_faces", fooled)
+    assert detector.detect(texture) == []
+    found = detector.first_with_a_face([texture, portrait])
+    assert found is not None
+    assert found[0].index == 1
+    assert len(found[1]) == 1
