@@ -107,7 +107,7 @@ class FittedAxes(RealtimeTracker):
     """Nobody is taken to look into the camera when they begin."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        with patch.object(fit, "most_likely_facing", lambda R, t: R):
+        with patch.object(fit, "most_likely_facing", lambda R, t: (R, np.radians(fit.AXES_SD_DEG))):
             return super().initialize(frame, landmarks, camera)
 
 

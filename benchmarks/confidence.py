@@ -1,4 +1,5 @@
-"""The confidence of the real-time tracker while boards of all sizes pass before the face or stay there.
+"""The confidence of the real-time tracker: with boards of all sizes that pass before the face or stay there, and begun
+with a head that is turned.
 
 `OMP_NUM_THREADS=1 python benchmarks/confidence.py PATH`, with PATH the folder of the rendered sequences. Prints, as
 Markdown, how often the rotation is right to 5 degrees by confidence and by the share of the landmarks that is seen,
@@ -19,6 +20,7 @@ import numpy as np
 from ablation import Run, prepare, score
 from scipy.optimize import minimize
 from skimage import data
+from turned_start import begun_at
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.metrics import RIGHT_DEG, reliability
@@ -29,6 +31,8 @@ from mien.video import Frame
 
 RUNS = 5
 """Runs of every sequence with boards, after one without."""
+STARTS = (50, 100, 150)
+"""Frames with which every sequence is begun, too: heads that are turned then."""
 BEGIN, CHANCE = 15, 0.06
 """Frame before which nothing comes, and how probable it is from one frame to the next that something does."""
 PATTERN = 90
@@ -135,6 +139,7 @@ def main() -> None:
                 for k in range(board.begin, board.end):
                     hidden[k] = board.paint(run.frames[k])
             runs.append(track(replace(run, frames=hidden)))
+        runs += [track(begun) for first in STARTS if (begun := begun_at(run, first)) is not None]
     columns = zip(*((r.spread, r.seen, r.confidence, r.error_deg) for r in runs), strict=True)
     every = Frames(*(np.concatenate(column) for column in columns), sum(r.lost for r in runs))
     diagram = reliability(every.confidence, every.error_deg)

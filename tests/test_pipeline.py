@@ -15,7 +15,7 @@ import mien
 from mien import pipeline
 from mien.errors import MienError, MienWarning
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING
+from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
 from mien.video import Frame
@@ -26,6 +26,7 @@ class StillTracker:
     """Says that the face looks into the camera; loses it in the frames whose index is in `lost`."""
 
     lost: tuple[int, ...] = ()
+    rotation = FACING
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         self.landmarks, self.camera = landmarks, camera
@@ -37,7 +38,7 @@ class StillTracker:
         return self._estimate(frame, Status.TRACKED)
 
     def _estimate(self, frame: Frame, status: Status) -> Estimate:
-        return Estimate(frame.index, frame.time, status, FACING, np.array([0.0, 0.0, 9.0]), confidence=0.5)
+        return Estimate(frame.index, frame.time, status, self.rotation, np.array([0.0, 0.0, 9.0]), confidence=0.5)
 
 
 @pytest.fixture
@@ -70,6 +71,15 @@ def test_a_folder_of_images_gives_a_row_for_each_frame(tracker: StillTracker, fo
     np.testing.assert_allclose(track.time, np.arange(6) / 25, atol=1e-6)
     assert track.metadata["video"]["width"] == 320
     assert "settings" not in track.metadata
+
+
+@pytest.mark.parametrize(("pan_deg", "warned"), [(10, False), (25, True)])
+def test_a_face_that_is_turned_in_the_first_frame_is_warned_of(
+    pan_deg: float, warned: bool, tracker: StillTracker, folder: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    tracker.rotation = FACING @ exp(np.radians([0, pan_deg, 0]))
+    mien.track(folder, landmarks=known_portrait().landmarks)
+    assert ["turned by 25 degrees at 0.00 s" in str(w.message) for w in recwarn] == [True] * warned
 
 
 def test_progress_hears_of_every_frame(tracker: StillTracker, folder: Path) -> None:

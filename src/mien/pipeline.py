@@ -28,10 +28,12 @@ from mien.initialization.landmarks import Landmarks
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.registry import create_tracker
-from mien.tracking.state import Estimate, Tracker
+from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Frame, Video, expected_count, open_video, select
 
 DEFAULT_PRESET = "realtime"
+TURNED_DEG = 15.0
+"""Turn of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
 
 Progress = Callable[[Estimate, int | None], None]
 """Called after every frame with its estimate and the number of frames to expect, None where unknown."""
@@ -134,6 +136,8 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Video, Estimate], 
                 for frame, estimate in run(this.tracker, this.begin):
                     recorder.add(estimate)
                     draw(frame, estimate)
+                    if estimate.status is Status.INITIALIZED and this.turn == 1:
+                        _warn_of_a_turned_face(estimate, this.begin.video.name)
                     if recorder.count > this.begin.looked_at:
                         tell(this.begin.video, estimate)
         except BaseException as error:
@@ -146,6 +150,19 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Video, Estimate], 
                     warn(f"stopped after {recorder.count} frames, which are in {files.table}")
             raise
         return recorder.track(metadata(this, recorder))
+
+
+def _warn_of_a_turned_face(first: Estimate, name: str) -> None:
+    """What the first frame shows is all that is known of a face, and a turned face shows half of it."""
+    if first.rotation is None or first.translation is None:
+        return
+    towards = -first.translation / np.linalg.norm(first.translation)
+    turned = float(np.degrees(np.arccos(np.clip(first.rotation[:, 2] @ towards, -1, 1))))
+    if turned > TURNED_DEG:
+        warn(
+            f"{name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, and all "
+            "angles will be less certain; with --start choose a time at which it looks into the camera"
+        )
 
 
 def _check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:

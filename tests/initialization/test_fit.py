@@ -8,7 +8,14 @@ import pytest
 from mien.candide.model import Candide
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
-from mien.initialization.fit import FirstFrame, _Problem, fit_first_frame, most_likely_facing, tracked_model
+from mien.initialization.fit import (
+    AXES_SD_DEG,
+    FirstFrame,
+    _Problem,
+    fit_first_frame,
+    most_likely_facing,
+    tracked_model,
+)
 from mien.initialization.landmarks import Landmarks, rows_of_scheme
 
 CAMERA = Camera(280, 159.5, 119.5)
@@ -97,17 +104,21 @@ def test_a_face_near_the_camera_is_taken_to_look_into_it(degrees: float) -> None
     t = np.array([0.5, -0.3, 5.0])
     ray = ray_rotation(t)
     angles = np.radians(np.full(3, degrees))
-    R = most_likely_facing(ray @ matrix_from_euler(angles) @ FACING, t)
+    R, sd = most_likely_facing(ray @ matrix_from_euler(angles) @ FACING, t)
     share = euler_from_matrix(ray.T @ R @ FACING) / angles
     assert 0.4 < share[0] < share[1] < share[2] < 1
+    assert (np.degrees(sd) < 1.01 * np.array(AXES_SD_DEG)).all()
+    assert (np.diff(sd) < 0).all()
 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_face_that_looks_elsewhere_stays(axis: int) -> None:
     angles = np.zeros(3)
-    angles[axis] = np.radians(18)
+    angles[axis] = np.radians(20)
     R = matrix_from_euler(angles) @ FACING
-    assert np.degrees(angle_between(most_likely_facing(R, np.array([0, 0, 5.0])), R)) < 0.05
+    expected, sd = most_likely_facing(R, np.array([0, 0, 5.0]))
+    assert np.degrees(angle_between(expected, R)) < 0.05
+    np.testing.assert_allclose(np.degrees(sd), AXES_SD_DEG, rtol=0.05)
 
 
 def test_the_head_axes_move_nothing_in_the_picture() -> None:

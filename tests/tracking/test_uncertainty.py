@@ -10,12 +10,12 @@ from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking.uncertainty import (
     ACROSS_SD,
-    AXES_SD,
     MISFIT_DISTANCE,
     NOISE_SCALE,
     RELIEF_LEAST,
     RELIEF_SCALE,
     TRANSLATION_SCALE,
+    Reference,
     confidence,
     state_covariance,
     systematic_covariance,
@@ -28,67 +28,71 @@ SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
 ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
+AXES_SD = np.radians([2.0, 1.3, 0.7])
+AHEAD = np.array([0.0, 0.0, 1.0])
+FIRST = Reference(FACING, AHEAD, AXES_SD)
 
 
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING, RELIEF_SD), NOISE + ACROSS)
+    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, FIRST, RELIEF_SD), NOISE + ACROSS)
 
 
 def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
     R = rotation(0, 0.5, 0)
-    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, FACING, RELIEF_SD)
-    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, FACING, RELIEF_SD)
+    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, FIRST, RELIEF_SD)
+    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, FIRST, RELIEF_SD)
     np.testing.assert_allclose(misfit - perfect, NOISE, atol=1e-15)
 
 
 def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
-    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, FACING, RELIEF_SD)
-    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, FACING, RELIEF_SD)
+    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, FIRST, RELIEF_SD)
+    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, FIRST, RELIEF_SD)
     np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
-    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, FACING, RELIEF_SD)).all()
+    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, FIRST, RELIEF_SD)).all()
 
 
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
-    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, R_first, RELIEF_SD)
+    first = Reference(R_first, AHEAD, AXES_SD)
+    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, first, RELIEF_SD)
     assert np.linalg.eigvalsh(covariance - NOISE).min() > -1e-12
     np.testing.assert_array_equal(
-        covariance[3:, 3:], state_covariance(SPREAD, PERFECT, 1.0, R_first, R_first, RELIEF_SD)[3:, 3:]
+        covariance[3:, 3:], state_covariance(SPREAD, PERFECT, 1.0, R_first, first, RELIEF_SD)[3:, 3:]
     )
 
 
 def test_systematic_covariance_by_hand() -> None:
-    """Half a radian of pan: out of the plane by its sine, an error of pan alone; axes that are wrong in tilt stay so
-    about the vertical plane, those wrong in pan turn with it. Of roll: not out of the plane, and the axes roll."""
+    """Half a radian of pan: out of the plane by its sine, an error of pan alone; axes that are wrong in tilt or roll
+    turn with it, those wrong in pan stay so. Of roll: not out of the plane, and the other two turn."""
     relief = RELIEF_VARIANCE * np.sin(0.5) ** 2
-    tilt = 2 * (1 - np.cos(0.5)) * AXES_SD[0] ** 2  # the length of the difference of the x axes, squared
-    panned = systematic_covariance(rotation(0, 0.5, 0), FACING, RELIEF_SD)
-    assert np.trace(panned) == pytest.approx(relief + tilt)
+    apart = 2 * (1 - np.cos(0.5))  # the length of the difference of an axis that turns and where it was, squared
+    panned = systematic_covariance(rotation(0, 0.5, 0), FIRST, RELIEF_SD)
+    assert np.trace(panned) == pytest.approx(relief + apart * (AXES_SD[[0, 2]] ** 2).sum())
     assert panned[1, 1] == pytest.approx(relief)
-    rolled = systematic_covariance(rotation(0, 0, 0.5), FACING, RELIEF_SD)
-    assert np.trace(rolled) == pytest.approx(2 * (1 - np.cos(0.5)) * (AXES_SD[:2] ** 2).sum())
-    np.testing.assert_allclose(systematic_covariance(FACING, FACING, RELIEF_SD), 0, atol=1e-15)
+    rolled = systematic_covariance(rotation(0, 0, 0.5), FIRST, RELIEF_SD)
+    assert np.trace(rolled) == pytest.approx(apart * (AXES_SD[:2] ** 2).sum())
+    np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
 
 
 @given(head_rotations(), head_rotations())
 def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first: Array) -> None:
     """With R exp(d) in place of every R, R_first^T R is turned by R_first^T w; d small, about each axis of the head."""
     small = 1e-5
-    turn = np.cross(R_first[:, 2], R[:, 2])
+    turn = np.cross(AHEAD, R @ R_first.T @ AHEAD)
     expected = RELIEF_VARIANCE * np.outer(turn, turn)
     for d in np.diag(small * AXES_SD):
         turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
         w = R_first @ log(turned) / small
         expected += np.outer(w, w)
-    np.testing.assert_allclose(systematic_covariance(R, R_first, RELIEF_SD), expected, atol=1e-7)
+    np.testing.assert_allclose(
+        systematic_covariance(R, Reference(R_first, AHEAD, AXES_SD), RELIEF_SD), expected, atol=1e-7
+    )
 
 
 @given(head_rotations(), head_rotations(), rotation_vectors())
 def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
-    there, here = (
-        systematic_covariance(exp(v) @ R, exp(v) @ R_first, RELIEF_SD),
-        systematic_covariance(R, R_first, RELIEF_SD),
-    )
+    here = systematic_covariance(R, Reference(R_first, AHEAD, AXES_SD), RELIEF_SD)
+    there = systematic_covariance(exp(v) @ R, Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD), RELIEF_SD)
     np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
 
 

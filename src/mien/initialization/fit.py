@@ -39,8 +39,9 @@ ANIMATION_SD = 0.2
 LEAN_DEG = 2.0
 """CANDIDE's z axis points this much further up than that of 3D head models: measured on three subjects, whose
 heads differ among themselves by as much (docs/method.md)."""
-AXES_SD_DEG = (2.3, 1.2, 0.8)
-"""Standard deviation of a person's own axes (tilt, pan, roll) from those of the fitted model, on the same subjects."""
+AXES_SD_DEG = (3.0, 1.5, 0.8)
+"""Standard deviation of a person's own axes (tilt, pan, roll) from those of the fitted model: with these the rotations
+that follow are most likely, over starts from 0 to 45 degrees of nine people (docs/benchmark.md)."""
 FRONTAL_SHARE, FRONTAL_SD_DEG, ELSEWHERE_SD_DEG = 0.5, 3.0, 20.0
 """Half of the people look into the camera when they begin, to so many degrees; the others look anywhere."""
 
@@ -51,7 +52,8 @@ class FirstFrame:
 
     R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
     coefficients: (M,) of the shape prior; residual_px: root mean square distance of the landmarks from the fitted
-    vertices; model: in the axes that the head was given.
+    vertices; model: in the axes that the head was given; axes_sd: (3,) radians, standard deviations of these axes in
+    tilt, pan and roll.
     """
 
     R: Array
@@ -63,6 +65,7 @@ class FirstFrame:
     mm_per_unit: float
     model: Candide
     prior: ShapePrior
+    axes_sd: Array
 
     @property
     def sigma(self) -> Array:
@@ -104,7 +107,7 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     x0[3:6] = t
     x = _minimize(problem, x0)
     R_fit, t = exp(x[:3]) @ R, x[3:6]
-    R = most_likely_facing(R_fit, t)
+    R, axes_sd = most_likely_facing(R_fit, t)
     turn = R.T @ R_fit
     shape = prior.vertices(x[problem.shape_slice]) @ turn.T
     return FirstFrame(
@@ -117,11 +120,13 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
         mm_per_unit=mm_per_unit(shape),
         model=model.turned(turn),
         prior=prior,
+        axes_sd=axes_sd,
     )
 
 
-def most_likely_facing(R: Array, t: Array) -> Array:
-    """Expected rotation (3, 3) of a head whose fitted model stands in R (3, 3) at t (3,), camera axes.
+def most_likely_facing(R: Array, t: Array) -> tuple[Array, Array]:
+    """Expected rotation (3, 3) of a head whose fitted model stands in R (3, 3) at t (3,), camera axes, and the standard
+    deviations (3,) of its tilt, pan and roll in radians.
 
     The prior is a mixture: a person looks into the camera, nearly, or anywhere. Far from the camera nothing changes.
     """
@@ -132,8 +137,11 @@ def most_likely_facing(R: Array, t: Array) -> Array:
     odds = (1 - FRONTAL_SHARE) / FRONTAL_SHARE * np.sqrt(np.prod(frontal / elsewhere))
     exponent = 0.5 * float((angles**2 * (1 / frontal - 1 / elsewhere)).sum())
     looks = 1 / (1 + odds * np.exp(min(exponent, 500.0)))
-    expected = angles * (1 - looks * axes / frontal)
-    return np.asarray(ray @ matrix_from_euler(np.radians(expected)) @ FACING)
+    # Of somebody who looks elsewhere the fit is believed: that prior would take a hundredth off.
+    back = axes / frontal
+    expected = angles * (1 - looks * back)
+    variance = looks * axes * (1 - back) + (1 - looks) * axes + looks * (1 - looks) * (angles * back) ** 2
+    return np.asarray(ray @ matrix_from_euler(np.radians(expected)) @ FACING), np.radians(np.sqrt(variance))
 
 
 def _minimize(problem: _Problem, x: Array, iterations: int = 30) -> Array:

@@ -27,7 +27,14 @@ from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
-from mien.tracking.uncertainty import confidence, familiarity, frame_variance, state_covariance, turn_squared
+from mien.tracking.uncertainty import (
+    Reference,
+    confidence,
+    familiarity,
+    frame_variance,
+    state_covariance,
+    turn_squared,
+)
 from mien.video import Frame
 
 _ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
@@ -96,10 +103,15 @@ class RealtimeTracker:
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = 0
-        self.first_rotation = self.pose.R
+        self.first = self._reference()
         settled = self._settle(frame)
-        self.first_rotation = self.pose.R
+        self.first = self._reference()
         return self._estimate(frame, Status.INITIALIZED, settled)
+
+    def _reference(self) -> Reference:
+        """What rotations are measured from, where the face is now."""
+        t = self.pose.t
+        return Reference(self.pose.R, t / np.linalg.norm(t), self.fit.axes_sd)
 
     def _settle(self, frame: Frame) -> Solution:
         """Move the first pose from where the landmarks put it to where the learned appearance finds it: every later
@@ -126,7 +138,7 @@ class RealtimeTracker:
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
-        familiar = familiarity(solution.telling, self.pose.R, self.first_rotation) > 0.5
+        familiar = familiarity(solution.telling, self.pose.R, self.first.R) > 0.5
         if familiar and solution.misfit(self.expected) < s.retry_distance:
             self._learn(solution)
             if self.keyframes.is_new(self.pose.R):
@@ -277,7 +289,7 @@ class RealtimeTracker:
         a turn does to a face looks like an expression: the further it has turned, the less an expression is believed.
         """
         s, pose = self.settings, predicted.pose
-        turned = turn_squared(pose.R, self.first_rotation) / math.sin(math.radians(s.rest_turn_deg)) ** 2
+        turned = turn_squared(pose.R, self.first.R) / math.sin(math.radians(s.rest_turn_deg)) ** 2
         moved = (self.pose.animation - self.fit.animation) / s.rest_within
         firm = (1 + turned) * (1 + s.rest_firmness / (1 + moved * moved))
         return (*pose.arrays, predicted.information, self.fit.animation, firm * self.rest_information)
@@ -355,9 +367,9 @@ class RealtimeTracker:
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
         share = float(seen.mean())
         covariance = state_covariance(
-            solution.spread, solution.d2[seen], share, self.pose.R, self.first_rotation, self.shape.relief_sd
+            solution.spread, solution.d2[seen], share, self.pose.R, self.first, self.shape.relief_sd
         )
-        sure = confidence(covariance, solution.telling, share, self.pose.R, self.first_rotation)
+        sure = confidence(covariance, solution.telling, share, self.pose.R, self.first.R)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             sure, self.fit.mm_per_unit,

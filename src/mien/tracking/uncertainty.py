@@ -11,6 +11,7 @@ the coverage and the reliability that result, and the command.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,20 +21,18 @@ NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-RELIEF_SCALE, RELIEF_LEAST = 0.45, 0.03
-"""Standard deviation of the part of a turn out of the image plane by which the rotation is too large or too small: by
-that of the relief, and at least."""
-AXES_SD = np.radians([2.2, 1.3, 0.0])
-"""Standard deviations of the head's axes in the first frame: of tilt, pan and roll."""
+RELIEF_SCALE, RELIEF_LEAST = 0.435, 0.024
+"""Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
+small: by that of the relief, and at least."""
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
 _SCALES = np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-3.84, -1.43)
-"""Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are and with boards of all
-sizes before the face, a wrong rotation counting twice."""
+_CONFIDENCE = (-6.18, -1.49)
+"""Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are, with boards of all
+sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
 """Share of the landmarks that is seen below which nothing is believed, and the width of the step: with less a face is
 mostly lost, so that no error could be measured."""
@@ -42,14 +41,25 @@ _STRANGER = (43.0, 3.0, 2.5)
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
 
-def state_covariance(spread: Array, d2: Array, seen: float, R: Array, R_first: Array, relief_sd: float) -> Array:
+@dataclass(frozen=True)
+class Reference:
+    """What every later rotation is measured from. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to the
+    head there, camera axes; axes_sd: (3,) standard deviations of the head's axes there in radians of tilt, pan, roll.
+    """
+
+    R: Array
+    ray: Array
+    axes_sd: Array
+
+
+def state_covariance(spread: Array, d2: Array, seen: float, R: Array, first: Reference, relief_sd: float) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
-    error that the rotation has beyond that of the first frame's, R_first (3, 3), and t has the unit of length of the
-    fitted face. relief_sd: see `systematic_covariance`."""
+    error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
+    relief_sd: see `systematic_covariance`."""
     covariance = frame_variance(d2, seen) * spread * _SCALES * _SCALES[:, None]
     covariance[[3, 4], [3, 4]] += ACROSS_SD**2
-    covariance[:3, :3] += systematic_covariance(R, R_first, relief_sd)
+    covariance[:3, :3] += systematic_covariance(R, first, relief_sd)
     return np.asarray(covariance)
 
 
@@ -61,14 +71,14 @@ def frame_variance(d2: Array, seen: float) -> float:
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
-def systematic_covariance(R: Array, R_first: Array, relief_sd: float) -> Array:
+def systematic_covariance(R: Array, first: Reference, relief_sd: float) -> Array:
     """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
-    A relief that is too deep, by a share of standard deviation relief_sd, turns too little, about the axis of the turn
-    out of the image plane. Where the axes are wrong by d, every R is R exp(d), an error of R d, of which the first
-    frame has R_first d."""
-    (x, y, z), (a, b, c) = R_first[:, 2].tolist(), R[:, 2].tolist()
+    A relief that is too deep along the first frame's ray, by a share of standard deviation relief_sd, turns too little,
+    about the axis of the turn out of that frame's image plane. Where the axes are wrong by d, every R is R exp(d), an
+    error of R d, of which the first frame has first.R d."""
+    (x, y, z), (a, b, c) = first.ray.tolist(), (R @ (first.ray @ first.R)).tolist()
     turn = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST) * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
-    moved = (R - R_first) * AXES_SD
+    moved = (R - first.R) * first.axes_sd
     return np.asarray(turn[:, None] * turn + moved @ moved.T)
 
 
