@@ -35,7 +35,8 @@ def test_the_surface_lies_in_the_face(surface: Surface) -> None:
     cheeks = face().fit.shape[[27, 60]]
     distance = np.linalg.norm(surface.points[:, None] - cheeks, axis=2).min(axis=0)
     assert (distance < 0.12).all()
-    assert np.ptp(surface.points[:, 1]) == pytest.approx(face().fit.shape[2, 1] - face().fit.shape[10, 1])
+    hairline, chin = (face().fit.shape @ face().fit.turn)[[2, 10], 1]
+    assert np.ptp((surface.points @ face().fit.turn)[:, 1]) == pytest.approx(hairline - chin)
 
 
 def test_normals_stand_on_the_surface(surface: Surface) -> None:

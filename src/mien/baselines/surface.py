@@ -81,9 +81,11 @@ class Surface:
 
 
 def cylinder(fit: FirstFrame) -> Surface:
-    """An upright circular cylinder through the face, without the nose, from the chin to the hairline."""
-    low, high = fit.shape[CHIN, 1], fit.shape[HAIRLINE, 1]
-    x, z = fit.shape[list(FRONT), 0], fit.shape[list(FRONT), 2]
+    """A circular cylinder through the face, without the nose, from the chin to the hairline; upright in the axes in
+    which the face was fitted: where it is taken to look does not change what it is."""
+    V = fit.shape @ fit.turn
+    low, high = V[CHIN, 1], V[HAIRLINE, 1]
+    x, z = V[list(FRONT), 0], V[list(FRONT), 2]
     # x^2 + (z - c)^2 = r^2 is linear in c and r^2 - c^2.
     (double_c, k), *_ = np.linalg.lstsq(np.column_stack([z, np.ones_like(z)]), x**2 + z**2, rcond=None)
     c = 0.5 * double_c
@@ -91,15 +93,17 @@ def cylinder(fit: FirstFrame) -> Surface:
     angle, height = _grid()
     normals = np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)])
     y = 0.5 * (low + high) + 0.5 * (high - low) * height
-    return Surface(r * normals + np.column_stack([0 * y, y, c + 0 * y]), normals, angle, height)
+    points = r * normals + np.column_stack([0 * y, y, c + 0 * y])
+    return Surface(points @ fit.turn.T, normals @ fit.turn.T, angle, height)
 
 
 def ellipsoid(fit: FirstFrame) -> Surface:
-    """An upright ellipsoid through the face, as wide as deep; the nose and what lies above the hairline left out."""
-    low, high = fit.shape[CHIN, 1], fit.shape[HAIRLINE, 1]
-    V = fit.shape[list(FRONT)]
+    """An ellipsoid through the face, as wide as deep; the nose and what lies above the hairline left out; upright as
+    the cylinder is."""
+    V = fit.shape @ fit.turn
+    low, high = V[CHIN, 1], V[HAIRLINE, 1]
     middle = 0.5 * (low + high)
-    x, y, z = V[:, 0], V[:, 1] - middle, V[:, 2]
+    x, y, z = (V[list(FRONT)] - [0, middle, 0]).T
     # x^2 + (z - c)^2 + m y^2 = r^2 is linear in c, m and r^2 - c^2.
     A = np.column_stack([z, -(y**2), np.ones_like(z)])
     (double_c, m, k), *_ = np.linalg.lstsq(A, x**2 + z**2, rcond=None)
@@ -110,7 +114,8 @@ def ellipsoid(fit: FirstFrame) -> Surface:
     s = np.sqrt(np.maximum(r**2 - m * y**2, 0.04 * r**2))  # radius at this height
     gradient = np.column_stack([s * np.sin(angle), m * y, s * np.cos(angle)])
     points = np.column_stack([s * np.sin(angle), middle + y, c + s * np.cos(angle)])
-    return Surface(points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True), angle, height)
+    normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    return Surface(points @ fit.turn.T, normals @ fit.turn.T, angle, height)
 
 
 def _grid() -> tuple[Array, Array]:

@@ -52,8 +52,8 @@ class FirstFrame:
 
     R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
     coefficients: (M,) of the shape prior; residual_px: root mean square distance of the landmarks from the fitted
-    vertices; model: in the axes that the head was given; axes_sd: (3,) radians, standard deviations of these axes in
-    tilt, pan and roll.
+    vertices; model: in the axes that the head was given; turn: (3, 3), from those of the model as it was fitted to
+    these; axes_sd: (3,) radians, standard deviations of these axes in tilt, pan and roll.
     """
 
     R: Array
@@ -65,6 +65,7 @@ class FirstFrame:
     mm_per_unit: float
     model: Candide
     prior: ShapePrior
+    turn: Array
     axes_sd: Array
 
     @property
@@ -120,6 +121,7 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
         mm_per_unit=mm_per_unit(shape),
         model=model.turned(turn),
         prior=prior,
+        turn=turn,
         axes_sd=axes_sd,
     )
 
