@@ -1,4 +1,5 @@
-"""How the inner loops are compiled: at the first call, kept on disk, and no more of them than is called.
+"""How the inner loops are compiled: at the first call, kept on disk, and no more of them than is called. The largest is
+compiled by a second process the first time (`tracking/first_run.py`).
 
 What is kept is made again when its own file changes, but not when a file changes from which it calls a kernel: whoever
 edits `tracking/kernels.py` touches `tracking/motion.py` as well, or tries an old one.
