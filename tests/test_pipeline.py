@@ -18,7 +18,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame
+from mien.video import Frame, open_video
 from videos import known_portrait, portrait_images, write_video
 
 
@@ -58,7 +58,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
-    begin = pipeline.prepare(folder, known_portrait().landmarks)
+    begin = pipeline.prepare(open_video(folder), known_portrait().landmarks)
     pairs = list(pipeline.run(StillTracker(), begin))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
     assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]

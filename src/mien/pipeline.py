@@ -59,15 +59,15 @@ class RepeatableTracker(Protocol):
 @dataclass(frozen=True)
 class Start:
     """All that tracking begins with. first: the frame that the landmarks belong to; frames: those that are tracked, the
-    first among them, and before it those that come before there is a face; looked_at: how many of these were told of
-    already, when a face was looked for in them."""
+    first among them, and before it those that come before there is a face; told: index of the first of them that
+    progress has not heard of, when a face was looked for."""
 
     video: Video
     first: Frame
     frames: Iterator[Frame]
     landmarks: Landmarks
     camera: Camera
-    looked_at: int = 0
+    told: int = 0
 
 
 def track(
@@ -100,18 +100,20 @@ def track(
     """
     tracker = create_tracker(preset)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
+    source = open_video(video)
+    count = expected_count(source, start, end)
+    total = None if count is None else passes * count
 
-    def tell(source: Video, estimate: Estimate) -> None:
-        count = expected_count(source, start, end)
+    def tell(estimate: Estimate) -> None:
         if progress is not None:
-            progress(estimate, None if count is None else passes * count)
+            progress(estimate, total)
 
-    begin = prepare(video, landmarks, camera, focal_px, fov_deg, start, end, tell)
-    _check_passes(passes, begin.video, tracker, preset)
+    begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, tell)
+    _check_passes(passes, source, tracker, preset)
     for turn in range(1, passes + 1):
         if turn > 1 and isinstance(tracker, RepeatableTracker):
             tracker = tracker.again()
-            begin = replace(begin, frames=select(begin.video, start, end), looked_at=0)
+            begin = replace(begin, frames=select(source, start, end), told=0)
         result = _one_pass(Pass(begin, preset, tracker, turn), files, tell, last=turn == passes)
         files.write(result)
     return result
@@ -127,7 +129,7 @@ class Pass:
     turn: int
 
 
-def _one_pass(this: Pass, files: Destination, tell: Callable[[Video, Estimate], None], last: bool) -> Track:
+def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> Track:
     """The track of one pass, of which only the last is drawn; where it is stopped, what it has is written, unless a
     whole pass already is."""
     with Recorder(files.table) as recorder:
@@ -138,8 +140,8 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Video, Estimate], 
                     draw(frame, estimate)
                     if estimate.status is Status.INITIALIZED and this.turn == 1:
                         _warn_of_a_turned_face(estimate, this.begin.video.name)
-                    if recorder.count > this.begin.looked_at:
-                        tell(this.begin.video, estimate)
+                    if frame.index >= this.begin.told:
+                        tell(estimate)
         except BaseException as error:
             if this.turn > 1 and files.table is not None:
                 warn(f"stopped in the second pass; {files.table} holds the first")
@@ -174,31 +176,25 @@ def _check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> N
 
 
 def prepare(
-    video: str | Path | int,
+    source: Video,
     landmarks: Landmarks | str | Path | None = None,
     camera: Camera | str | Path | None = None,
     focal_px: float | None = None,
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
-    tell: Callable[[Video, Estimate], None] = lambda video, estimate: None,
+    tell: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Start:
-    """Open the video, choose the camera, find the face: where no landmarks are given, in the first frame that shows
-    one, and `tell` hears of those that show none; where they belong to a later frame, there. Raises MienError for bad
-    input."""
-    source = open_video(video)
+    """Choose the camera, find the face: where no landmarks are given, in the first frame that shows one, and `tell`
+    hears of those that show none; where they belong to a later frame, there. Raises MienError for bad input."""
     frames = select(source, start, end)
     earliest = next(frames)
     chosen = choose_camera(earliest, camera, focal_px, fov_deg)
-    faceless = 0
+    told = 0
     if landmarks is None:
-
-        def without_face(frame: Frame) -> None:
-            nonlocal faceless
-            faceless += 1
-            tell(source, _not_yet(frame))
-
-        first, landmarks = find_face(chain([earliest], frames), source.name, without_face)
+        search = chain([earliest], frames)
+        first, landmarks = find_face(search, source.name, without_face=lambda frame: tell(_not_yet(frame)))
+        told = first.index
     else:
         if not isinstance(landmarks, Landmarks):
             landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
@@ -207,7 +203,7 @@ def prepare(
     # A camera shows every frame once: what came before the face is gone.
     seen_again = first is not earliest and source.path is not None
     frames = select(source, start, end) if seen_again else chain([first], frames)
-    return Start(source, first, frames, _as_written(landmarks), chosen, faceless if seen_again else 0)
+    return Start(source, first, frames, _as_written(landmarks), chosen, told)
 
 
 def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
@@ -241,7 +237,7 @@ def write_first_frame(
     for path in (Path(output), Path(plot)):
         require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
         require_writable(path)
-    begin = prepare(video, landmarks, camera, focal_px, fov_deg, start)
+    begin = prepare(open_video(video), landmarks, camera, focal_px, fov_deg, start)
     fit = fit_first_frame(begin.landmarks, begin.camera)
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)

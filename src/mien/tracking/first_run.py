@@ -86,10 +86,11 @@ def _compile(kernel: Kernel) -> None:
 
 def _is_kept() -> bool:
     """Whether `kernels.solve` was compiled before, later than its file was written; True where nothing is kept."""
-    source, folder = Path(kernels.__file__), SOLVE[0].stats.cache_path
+    solve, _ = SOLVE
+    source, folder = Path(kernels.__file__), solve.stats.cache_path
     if folder is None:
         return True
-    kept = Path(folder).glob(f"{source.stem}.{kernels.solve.__name__}-*.nbi")
+    kept = Path(folder).glob(f"{source.stem}.{solve.__name__}-*.nbi")
     return any(index.stat().st_mtime > source.stat().st_mtime for index in kept)
 
 
