@@ -8,7 +8,7 @@ over the sequences of kind `expression`, `jitter` that of `uniform`; the last tw
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,12 @@ from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence, Truth
+from mien.evaluation.formats import to_markdown
+from mien.evaluation.plan import Evaluation
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
 from mien.evaluation.results import SequenceResult, TrackTable
-from mien.evaluation.scores import Score, pooled_errors
+from mien.evaluation.scores import Score, Scores, pooled_errors
+from mien.evaluation.tables import Table
 from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
@@ -186,6 +189,17 @@ def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
     sequence, table = run.sequence, TrackTable.of(track(make(), run))
     result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
     return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
+
+
+def print_tables(scores: Iterable[Score], tables: Iterable[Callable[[Scores], Table]]) -> None:
+    """Tables of `mien report` for what trackers made of runs, as Markdown."""
+    scores = tuple(scores)
+    trackers = tuple(dict.fromkeys(s.result.tracker for s in scores))
+    names, kinds = zip(*dict.fromkeys((s.result.sequence, s.result.kind) for s in scores), strict=True)
+    protocol = Protocol.REBASED
+    evaluation = Evaluation("rendered", protocol.value, "detected", DEFAULT_LOST_DEG, trackers, names, kinds, "")
+    for table in tables:
+        print(to_markdown(replace(table(Scores(evaluation, protocol, scores, ())), protocol=protocol.value)))
 
 
 def cells(every: list[Score], third: list[Score]) -> Iterator[str]:

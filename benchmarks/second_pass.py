@@ -11,14 +11,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from ablation import prepare, score
+from ablation import prepare, print_tables, score
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
-from mien.evaluation.formats import to_markdown
-from mien.evaluation.plan import Evaluation
-from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
-from mien.evaluation.scores import Score, Scores
+from mien.evaluation.scores import Score
 from mien.evaluation.tables import angles_by_kind, by_kind, calibration, jitter
 from mien.tracking.realtime import RealtimeTracker
 
@@ -37,12 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path)
     sequences = load_dataset("rendered", parser.parse_args().path)
-    names, kinds = zip(*((s.name, s.kind) for s in sequences), strict=True)
-    protocol = Protocol.REBASED
-    evaluation = Evaluation("rendered", protocol.value, "detected", DEFAULT_LOST_DEG, PASSES, names, kinds, "")
-    scores = Scores(evaluation, protocol, tuple(made for s in sequences for made in twice(s)), ())
-    for table in (by_kind, angles_by_kind, calibration, jitter):
-        print(to_markdown(replace(table(scores), protocol=protocol.value)))
+    print_tables((made for s in sequences for made in twice(s)), (by_kind, angles_by_kind, calibration, jitter))
 
 
 if __name__ == "__main__":

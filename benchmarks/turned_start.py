@@ -14,13 +14,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare, score
+from ablation import Run, prepare, print_tables, score
 
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.formats import to_markdown
-from mien.evaluation.plan import Evaluation
-from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
-from mien.evaluation.scores import Score, Scores
+from mien.evaluation.scores import Score
 from mien.evaluation.tables import angles_by_kind, calibration
 from mien.initialization.detector import detect
 from mien.tracking.realtime import RealtimeTracker
@@ -55,13 +52,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path)
     sequences = load_dataset("rendered", parser.parse_args().path)
-    every = tuple(made for sequence in sequences for made in starts(prepare(sequence)))
-    every = tuple(sorted(every, key=lambda made: KINDS.index(made.result.kind)))
-    names, kinds = (tuple(getattr(made.result, of) for made in every) for of in ("sequence", "kind"))
-    protocol = Protocol.REBASED
-    evaluation = Evaluation("rendered", protocol.value, "detected", DEFAULT_LOST_DEG, ("realtime",), names, kinds, "")
-    for table in (angles_by_kind, calibration):
-        print(to_markdown(replace(table(Scores(evaluation, protocol, every, ())), protocol=protocol.value)))
+    every = (made for sequence in sequences for made in starts(prepare(sequence)))
+    print_tables(sorted(every, key=lambda made: KINDS.index(made.result.kind)), (angles_by_kind, calibration))
 
 
 if __name__ == "__main__":
