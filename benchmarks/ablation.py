@@ -186,7 +186,12 @@ def track(tracker: RealtimeTracker, run: Run) -> list[Estimate]:
 
 def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
     """What a tracker makes of a run."""
-    sequence, table = run.sequence, TrackTable.of(track(make(), run))
+    return scored(track(make(), run), run)
+
+
+def scored(estimates: list[Estimate], run: Run) -> Score:
+    """Estimates of every frame of a run beside its truth."""
+    sequence, table = run.sequence, TrackTable.of(estimates)
     result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
     return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
 

@@ -2,25 +2,29 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/turned_start.py PATH`, with PATH a folder of rendered sequences. Each is begun at
 every 25th frame, played from there to its end, and from there backwards. Protocol `rebased`, landmarks from the
-detector.
+detector. Last, for the heads that are turned by more than 15 degrees: the same beside `mien track`, which begins where
+the face looks into the camera and goes both ways.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare, print_tables, score
+from ablation import Run, prepare, print_tables, score, scored
 
+from mien import pipeline, start
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.scores import Score
+from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
+from mien.geometry.rotation import Array, angle_between
 from mien.initialization.detector import detect
 from mien.tracking.realtime import RealtimeTracker
+from mien.video import Frame
 
 STEP = 25
 TURNS_DEG = (0, 5, 10, 15, 20, 30, 90)
@@ -37,23 +41,80 @@ def begun_at(run: Run, first: int) -> Run | None:
     return replace(run, frames=[run.frames[k] for k in order], truth=truth, landmarks=landmarks[0])
 
 
-def starts(run: Run) -> Iterator[Score]:
-    """What the tracker makes of a run from each of its beginnings; the kind is the turn there."""
+@dataclass(frozen=True)
+class Played:
+    """Frames of a sequence in another order, as a video."""
+
+    path: Path
+    frames: list[Frame]
+    fps: float = 30.0
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    @property
+    def frame_count(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (replace(frame, index=k, time=k / self.fps) for k, frame in enumerate(self.frames))
+
+
+def as_tracked(run: Run) -> Score:
+    """What `mien track` makes of a run: begun where the face looks into the camera, and played both ways."""
+    begin = start.prepare(Played(run.sequence.video, run.frames), camera=run.sequence.camera)
+    tracker = RealtimeTracker()
+    earlier = {estimate.index: estimate for estimate in pipeline.run_back(tracker, begin)}
+    return scored([estimate for _, estimate in pipeline.run(tracker.again(), begin, earlier)], run)
+
+
+def starts(run: Run) -> Iterator[tuple[Score, Score | None]]:
+    """What the tracker makes of a run from each of its beginnings, and what `mien track` does where the face is turned;
+    the kind is the turn there."""
     for first in range(0, len(run.frames), STEP):
         begun = begun_at(run, first)
         if begun is not None and begun.truth.rotations is not None:
             turn = np.degrees(np.arccos(np.clip(-begun.truth.rotations[0, 2, 2], -1, 1)))
             kind = KINDS[int(np.searchsorted(TURNS_DEG, turn, side="right")) - 1]
             made = score(RealtimeTracker, begun)
-            yield replace(made, result=replace(made.result, tracker="realtime", kind=kind))
+            made = replace(made, result=replace(made.result, tracker="realtime", kind=kind))
+            yield made, as_tracked(begun) if turn > start.TURNED_DEG else None
+
+
+def aligned_deg(score: Score) -> Array:
+    """(n,) angles in degrees between a track's rotations and the true ones, head axes aligned to these."""
+    truth, track = score.result.truth, score.result.track
+    assert truth is not None
+    assert truth.rotations is not None
+    assert track is not None
+    known = np.isfinite(track.rotation).all(axis=(1, 2))
+    D = np.swapaxes(truth.rotations[known], 1, 2) @ track.rotation[known]
+    U, _, Vt = np.linalg.svd(D.mean(axis=0))
+    return np.degrees(angle_between(D, U @ Vt))
+
+
+def errors(scores: Sequence[Score]) -> Iterator[str]:
+    """Error since the first frame, with the head's axes aligned, and frames without a face."""
+    yield f"{pooled_errors(scores).mean():.2f}"
+    yield f"{np.concatenate([aligned_deg(s) for s in scores]).mean():.2f}"
+    yield str(sum(s.lost for s in scores))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path)
     sequences = load_dataset("rendered", parser.parse_args().path)
-    every = (made for sequence in sequences for made in starts(prepare(sequence)))
-    print_tables(sorted(every, key=lambda made: KINDS.index(made.result.kind)), (angles_by_kind, calibration))
+    pairs = [pair for sequence in sequences for pair in starts(prepare(sequence))]
+    pairs.sort(key=lambda pair: KINDS.index(pair[0].result.kind))
+    print_tables([there for there, _ in pairs], (angles_by_kind, calibration))
+    heads = ("turn", "starts", "begun there", "aligned", "lost", "as tracked", "aligned", "lost")
+    print(f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", sep="\n")
+    for kind in KINDS:
+        turned = [(there, front) for there, front in pairs if front is not None and there.result.kind == kind]
+        if turned:
+            cells = (cell for scores in zip(*turned, strict=True) for cell in errors(scores))
+            print(f"| {kind} | {len(turned)} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ LAYERS = (
     ("tracking",),
     ("registry", "synthetic"),
     ("output",),
+    ("start",),
     ("pipeline",),
     ("evaluation",),
     ("baselines",),

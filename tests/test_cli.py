@@ -261,16 +261,25 @@ def test_no_face(refused: Callable[..., None], video: Path, monkeypatch: pytest.
 
 
 def test_a_face_that_comes_later(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Its landmarks, from NAME.json, give the same track."""
+    """What comes before it is tracked backwards; its landmarks, from NAME.json, give the same track."""
     _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=2, time=0.08)], at=2)
     result = mien("track", video, "-o", "out.csv", "--overlay", "out.mp4", "--passes", "2")
     assert result.status == 0
     assert "in.mkv: a face is first found at 0.08 s" in result.err
     track = Track.read(tmp_path / "out.csv")
-    assert track.status == ["lost", "lost", "initialized", "tracked", "tracked", "tracked"]
-    assert track.table.column("reason").to_pylist()[:2] == ["no face was seen yet"] * 2
+    assert track.status == ["tracked", "tracked", "initialized", "tracked", "tracked", "tracked"]
     assert mien("track", video, "-o", "again.csv", "--landmarks", "out.json", "--passes", "2").status == 0
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
+
+
+def test_a_face_that_comes_much_later(mien: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What comes long before it has rows without a pose, which say so."""
+    video = write_video(tmp_path / "in.mkv", portrait_images(), times_ms=[0, 40, 20000, 20040, 20080, 20120])
+    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=3, time=20.04)], at=3)
+    assert mien("track", video, "-o", "out.csv").status == 0
+    track = Track.read(tmp_path / "out.csv")
+    assert track.status == ["lost", "lost", "tracked", "initialized", "tracked", "tracked"]
+    assert track.table.column("reason").to_pylist()[:2] == ["no face was seen yet"] * 2
 
 
 def test_landmarks_of_a_time_that_the_video_does_not_have(

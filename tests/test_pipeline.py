@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import mien
-from mien import pipeline
+from mien import pipeline, start
+from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
@@ -58,7 +59,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
-    begin = pipeline.prepare(open_video(folder), known_portrait().landmarks)
+    begin = start.prepare(open_video(folder), known_portrait().landmarks)
     pairs = list(pipeline.run(StillTracker(), begin))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
     assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]
@@ -115,24 +116,24 @@ def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker
 
 def test_camera_is_given_in_one_of_three_ways(tmp_path: Path) -> None:
     frame = Frame(np.zeros((240, 320, 3), np.uint8))
-    assert pipeline.choose_camera(frame) == Camera.from_fov(320, 240, 60)
-    assert pipeline.choose_camera(frame, fov_deg=90).focal_px == pytest.approx(160)
-    assert pipeline.choose_camera(frame, focal_px=300) == Camera(300, 159.5, 119.5)
-    assert pipeline.choose_camera(frame, Camera(1, 2, 3)) == Camera(1, 2, 3)
+    assert start.choose_camera(frame) == Camera.from_fov(320, 240, 60)
+    assert start.choose_camera(frame, fov_deg=90).focal_px == pytest.approx(160)
+    assert start.choose_camera(frame, focal_px=300) == Camera(300, 159.5, 119.5)
+    assert start.choose_camera(frame, Camera(1, 2, 3)) == Camera(1, 2, 3)
     (tmp_path / "c.json").write_text('{"focal_px": 1, "cx": 2, "cy": 3}')
-    assert pipeline.choose_camera(frame, tmp_path / "c.json") == Camera(1, 2, 3)
+    assert start.choose_camera(frame, tmp_path / "c.json") == Camera(1, 2, 3)
     with pytest.raises(MienError, match="more than one way"):
-        pipeline.choose_camera(frame, Camera(1, 2, 3), focal_px=5)
+        start.choose_camera(frame, Camera(1, 2, 3), focal_px=5)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])
 def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text(text)
     with pytest.raises(MienError, match=r"c\.json needs"):
-        pipeline.read_camera(tmp_path / "c.json")
+        start.read_camera(tmp_path / "c.json")
     (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
     with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
-        pipeline.read_camera(tmp_path / "c.json")
+        start.read_camera(tmp_path / "c.json")
 
 
 @pytest.mark.parametrize("passes", [1, 2])
@@ -147,7 +148,80 @@ def test_progress_hears_of_the_search_for_a_face(passes: int, monkeypatch: pytes
     monkeypatch.setattr("mien.initialization.detector.first_with_a_face", third_frame)
     with pytest.warns(MienWarning, match="first found"):
         mien.track(folder, passes=passes, progress=lambda e, total: heard.append((e.index, e.status.value)))
-    assert heard == passes * list(enumerate(["lost", "lost", "initialized", "tracked", "tracked", "tracked"]))
+    behind = list(enumerate(["initialized", "tracked", "tracked", "tracked"], start=2))
+    backwards = [(1, "tracked"), (0, "tracked")]  # of which the first pass has told already
+    assert heard == [(0, "lost"), (1, "lost"), *behind, *(backwards + behind) * (passes - 1)]
+
+
+class Diary(StillTracker):
+    """Writes down in which order it sees the frames, with a line for each beginning; stops at a frame."""
+
+    def __init__(self, seen: list[list[int]], stops: int | None = None) -> None:
+        self.seen, self.stops = seen, stops
+
+    def again(self) -> Diary:
+        return Diary(self.seen, self.stops)
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        self.seen.append([])
+        return super().initialize(frame, landmarks, camera)
+
+    def _estimate(self, frame: Frame, status: Status) -> Estimate:
+        if frame.index == self.stops:
+            raise KeyboardInterrupt
+        self.seen[-1].append(frame.index)
+        return replace(super()._estimate(frame, status), confidence=0.1 * len(self.seen))
+
+
+def test_tracking_goes_both_ways_from_landmarks_of_a_later_frame(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    """Backwards first, so that what is learned there is known on the way on; rows are in the order of the video."""
+    seen: list[list[int]] = []
+    heard: list[int] = []
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Diary(seen))
+    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    track = mien.track(folder, landmarks=marks, progress=lambda e, total: heard.append(e.index))
+    assert seen == [[3, 2, 1, 0], [3, 4, 5]]
+    assert heard == [2, 1, 0, 3, 4, 5]
+    assert track.index.tolist() == list(range(6))
+    assert track.status == ["tracked"] * 3 + ["initialized"] + ["tracked"] * 2
+    np.testing.assert_allclose(track.confidence, [0.1, 0.1, 0.1, 0.2, 0.2, 0.2])
+
+
+def test_the_mesh_is_drawn_on_what_comes_before_the_first_frame(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    class Fitted(Diary):
+        settings = RealtimeSettings()
+
+        def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+            self.fit = known_portrait().fit
+            return super().initialize(frame, landmarks, camera)
+
+        def again(self) -> Fitted:
+            return Fitted(self.seen)
+
+        def mesh(self, estimate: Estimate) -> None:
+            drawn.append(estimate.index)
+
+    drawn: list[int] = []
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Fitted([]))
+    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    mien.track(folder, landmarks=marks, overlay=tmp_path / "out.mp4")
+    assert drawn == list(range(6))
+
+
+def test_stopped_on_the_way_back_the_rows_are_kept(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Diary([], stops=0))
+    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    with pytest.warns(MienWarning, match="stopped after 2 frames"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=marks, save=tmp_path / "out")
+    kept = mien.Track.read(tmp_path / "out")
+    assert kept.index.tolist() == [1, 2]
+    assert not kept.metadata["complete"]
 
 
 class PatientTracker(StillTracker):

@@ -12,7 +12,7 @@ import pytest
 
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
-from mien.video import FOLDER_FPS, Frame, expected_count, open_video, select
+from mien.video import FOLDER_FPS, Frame, backwards, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
 
@@ -45,6 +45,18 @@ def test_gray_is_luminance() -> None:
 def test_a_video_can_be_read_twice(video: Path) -> None:
     opened = open_video(video)
     assert len(list(opened)) == len(list(opened)) == 10
+
+
+@pytest.mark.parametrize("held", [1, 3, 100])
+def test_a_video_is_played_backwards_in_parts(held: int, video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However little may be held in memory, at least a frame."""
+    frames = frames_of(video)
+    monkeypatch.setattr("mien.video.HELD_BYTES", held * frames[0].pixels.nbytes)
+    played = list(backwards(open_video(video), begin=0.06, end=8))
+    assert [f.index for f in played] == [7, 6, 5, 4, 3, 2]
+    for f in played:
+        np.testing.assert_array_equal(f.pixels, frames[f.index].pixels)
+    assert not list(backwards(open_video(video), begin=0.06, end=2))
 
 
 def test_variable_frame_rate_keeps_the_true_times(tmp_path: Path) -> None:

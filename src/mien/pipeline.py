@@ -6,12 +6,11 @@ track.to_pandas()
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
-from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -20,20 +19,19 @@ from mien._version import __version__
 from mien.config import Settings
 from mien.errors import MienError, require, warn
 from mien.files import checksum, require_writable
-from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
-from mien.initialization.fit import FirstFrame, fit_first_frame
-from mien.initialization.landmark_files import read_landmarks, write_landmarks
+from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
+from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import Landmarks
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.registry import create_tracker
+from mien.start import TURNED_DEG, Start, not_yet, prepare
 from mien.tracking.state import Estimate, Status, Tracker
-from mien.video import Frame, Video, expected_count, open_video, select
+from mien.video import Frame, Video, backwards, expected_count, open_video, select
 
 DEFAULT_PRESET = "realtime"
-TURNED_DEG = 15.0
-"""Turn of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
 
 Progress = Callable[[Estimate, int | None], None]
 """Called after every frame with its estimate and the number of frames to expect, None where unknown."""
@@ -54,20 +52,6 @@ class RepeatableTracker(Protocol):
     """A tracker that can begin again, with what it has learned."""
 
     def again(self) -> Tracker: ...
-
-
-@dataclass(frozen=True)
-class Start:
-    """All that tracking begins with. first: the frame that the landmarks belong to; frames: those that are tracked, the
-    first among them, and before it those that come before there is a face; told: index of the first of them that
-    progress has not heard of, when a face was looked for."""
-
-    video: Video
-    first: Frame
-    frames: Iterator[Frame]
-    landmarks: Landmarks
-    camera: Camera
-    told: int = 0
 
 
 def track(
@@ -114,7 +98,7 @@ def track(
         if turn > 1 and isinstance(tracker, RepeatableTracker):
             tracker = tracker.again()
             begin = replace(begin, frames=select(source, start, end), told=0)
-        result = _one_pass(Pass(begin, preset, tracker, turn), files, tell, last=turn == passes)
+        result, tracker = _one_pass(Pass(begin, preset, tracker, turn), files, tell, last=turn == passes)
         files.write(result)
     return result
 
@@ -129,20 +113,30 @@ class Pass:
     turn: int
 
 
-def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> Track:
-    """The track of one pass, of which only the last is drawn; where it is stopped, what it has is written, unless a
-    whole pass already is."""
+def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
+    """The track of one pass, of which only the last is drawn, and the tracker that has learned from all of it; where it
+    is stopped, what it has is written, unless a whole pass already is."""
+    begin = this.begin
+    earlier: dict[int, Estimate] = {}
     with Recorder(files.table) as recorder:
         try:
-            with drawing(files.overlay if last else None, this.tracker, this.begin.camera) as draw:
-                for frame, estimate in run(this.tracker, this.begin):
+            for estimate in run_back(this.tracker, begin):
+                earlier[estimate.index] = estimate
+                if estimate.index >= begin.told:
+                    tell(estimate)
+            onwards = _next_tracker(this) if earlier else this.tracker
+            with drawing(files.overlay if last else None, this.tracker, begin.camera) as draw:
+                for frame, estimate in run(onwards, begin, earlier):
                     recorder.add(estimate)
                     draw(frame, estimate)
                     if estimate.status is Status.INITIALIZED and this.turn == 1:
-                        _warn_of_a_turned_face(estimate, this.begin.video.name)
-                    if frame.index >= this.begin.told:
+                        _warn_of_a_turned_face(estimate, begin.video.name)
+                    if frame.index >= begin.told and frame.index not in earlier:
                         tell(estimate)
         except BaseException as error:
+            if not recorder.count:
+                for index in sorted(earlier):
+                    recorder.add(earlier[index])
             if this.turn > 1 and files.table is not None:
                 warn(f"stopped in the second pass; {files.table} holds the first")
             elif recorder.count and files.table is not None:
@@ -151,15 +145,19 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
                     files.write(recorder.track(metadata(this, recorder, stopped)))
                     warn(f"stopped after {recorder.count} frames, which are in {files.table}")
             raise
-        return recorder.track(metadata(this, recorder))
+        return recorder.track(metadata(this, recorder)), onwards
+
+
+def _next_tracker(this: Pass) -> Tracker:
+    """One that begins again, with what this pass has taught so far, where the tracker can."""
+    return this.tracker.again() if isinstance(this.tracker, RepeatableTracker) else create_tracker(this.preset)
 
 
 def _warn_of_a_turned_face(first: Estimate, name: str) -> None:
     """What the first frame shows is all that is known of a face, and a turned face shows half of it."""
     if first.rotation is None or first.translation is None:
         return
-    towards = -first.translation / np.linalg.norm(first.translation)
-    turned = float(np.degrees(np.arccos(np.clip(first.rotation[:, 2] @ towards, -1, 1))))
+    turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
         warn(
             f"{name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, and all "
@@ -173,50 +171,6 @@ def _check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> N
     if passes > 1:
         require(video.path is not None, f"{video.name} shows every frame once; more than one pass needs a file")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could begin with")
-
-
-def prepare(
-    source: Video,
-    landmarks: Landmarks | str | Path | None = None,
-    camera: Camera | str | Path | None = None,
-    focal_px: float | None = None,
-    fov_deg: float | None = None,
-    start: float | None = None,
-    end: float | None = None,
-    tell: Callable[[Estimate], None] = lambda estimate: None,
-) -> Start:
-    """Choose the camera, find the face: where no landmarks are given, in the first frame that shows one, and `tell`
-    hears of those that show none; where they belong to a later frame, there. Raises MienError for bad input."""
-    frames = select(source, start, end)
-    earliest = next(frames)
-    chosen = choose_camera(earliest, camera, focal_px, fov_deg)
-    told = 0
-    if landmarks is None:
-        search = chain([earliest], frames)
-        first, landmarks = find_face(search, source.name, without_face=lambda frame: tell(_not_yet(frame)))
-        told = first.index
-    else:
-        if not isinstance(landmarks, Landmarks):
-            landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
-        first = _frame_of(landmarks, chain([earliest], frames), source)
-    landmarks.check(first.width, first.height)
-    # A camera shows every frame once: what came before the face is gone.
-    seen_again = first is not earliest and source.path is not None
-    frames = select(source, start, end) if seen_again else chain([first], frames)
-    return Start(source, first, frames, _as_written(landmarks), chosen, told)
-
-
-def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
-    """The frame that landmarks belong to, or the first where they belong to an earlier one, with a warning."""
-    first = next((frame for frame in frames if frame.time > landmarks.time - 0.5 / source.fps), None)
-    if first is None:
-        raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
-    if first.time - landmarks.time > 1.5 / source.fps:
-        warn(
-            f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
-            f"--start {landmarks.time:.2f} begins where it belongs"
-        )
-    return first
 
 
 def write_first_frame(
@@ -246,78 +200,25 @@ def write_first_frame(
     return fit
 
 
-def run(tracker: Tracker, begin: Start) -> Iterator[tuple[Frame, Estimate]]:
-    """Each frame with its estimate; before the first that has landmarks the face is not there yet."""
+def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
+    """Estimates of what comes before the first frame, from there backwards."""
+    if begin.since < begin.first.time:
+        tracker.initialize(begin.first, begin.landmarks, begin.camera)
+        for frame in backwards(begin.video, begin.since, begin.first.index):
+            yield tracker.track(frame)
+
+
+def run(
+    tracker: Tracker, begin: Start, earlier: Mapping[int, Estimate] = MappingProxyType({})
+) -> Iterator[tuple[Frame, Estimate]]:
+    """Each frame with its estimate; before the first, by index, from those that `run_back` gave."""
     for frame in begin.frames:
         if frame.index < begin.first.index:
-            yield frame, _not_yet(frame)
+            yield frame, earlier.get(frame.index) or not_yet(frame)
         elif frame.index == begin.first.index:
             yield frame, tracker.initialize(frame, begin.landmarks, begin.camera)
         else:
             yield frame, tracker.track(frame)
-
-
-def _not_yet(frame: Frame) -> Estimate:
-    return Estimate.lost(frame, "no face was seen yet")
-
-
-def find_face(frames: Iterable[Frame], name: str, without_face: Callable[[Frame], None]) -> tuple[Frame, Landmarks]:
-    """The first frame with a face, and the largest that is there; `without_face` is called with those before it. Raises
-    MienError if there is none; warns where it is not the first of the frames, or has several faces."""
-    from mien.initialization.detector import first_with_a_face
-
-    times: list[float] = []
-
-    def noted() -> Iterator[Frame]:
-        for frame in frames:
-            times.append(frame.time)
-            yield frame
-            without_face(frame)
-
-    found = first_with_a_face(noted())
-    if found is None:
-        raise MienError(
-            f"{name}: no face was found in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
-            "annotate one and pass --landmarks, or enlarge or brighten the video"
-        )
-    first, faces = found
-    if len(times) > 1:
-        warn(f"{name}: a face is first found at {first.time:.2f} s; the frames before have no pose")
-    if len(faces) > 1:
-        warn(f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked")
-    return first, replace(faces[0], source=f"{name}, detected face")
-
-
-def choose_camera(
-    frame: Frame,
-    camera: Camera | str | Path | None = None,
-    focal_px: float | None = None,
-    fov_deg: float | None = None,
-) -> Camera:
-    """The camera that is given in one of three ways, else one with a field of view of 60 degrees."""
-    given = [v for v in (camera, focal_px, fov_deg) if v is not None]
-    require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
-    if isinstance(camera, Camera):
-        return camera
-    if camera is not None:
-        return read_camera(Path(camera))
-    if focal_px is not None:
-        return Camera.centred(focal_px, frame.width, frame.height)
-    return Camera.from_fov(frame.width, frame.height, DEFAULT_FOV_DEG if fov_deg is None else fov_deg)
-
-
-def read_camera(path: Path) -> Camera:
-    """The camera in a JSON {"focal_px": .., "cx": .., "cy": ..}, or in NAME.json of an earlier track."""
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        values = values.get("camera", values)
-        return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
-    except MienError as error:
-        raise MienError(f"{path}: {error}") from error
-    except OSError as error:
-        raise MienError(f"{path} cannot be read ({error.strerror}); check the name") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise MienError(f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels ({error})') from error
 
 
 @contextmanager
@@ -366,14 +267,3 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         values["fit_residual_px"] = round(tracker.fit.residual_px, 4)
         values["mm_per_unit"] = tracker.fit.mm_per_unit
     return values
-
-
-def _as_written(landmarks: Landmarks) -> Landmarks:
-    """The landmarks with the decimals that they have in a file, so that a run from that file is the same run."""
-    written = landmarks.to_dict()
-    depths = written["depths"]
-    return replace(
-        landmarks,
-        points=np.array(written["points"]),
-        depths=None if depths is None else np.array(depths),
-    )

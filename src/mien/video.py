@@ -8,6 +8,7 @@ scaled into it without distortion, with black borders and a warning. Frames are 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +24,8 @@ from mien.errors import MienError, require, warn
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 FOLDER_FPS = 25.0
 """Frames per second of a folder of images, which carries no time."""
+HELD_BYTES = 1 << 29
+"""How much of a video is held in memory to play it backwards."""
 
 Pixels = NDArray[np.uint8]
 
@@ -98,6 +101,28 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
         found,
         f"{video.name} has no frame from {start or 0:g} s to {end or last:g} s; its last is at {last:g} s",
     )
+
+
+def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
+    """The frames from `begin` (seconds) on whose index is less than `end`, the last first.
+
+    No more of them are held at a time than `HELD_BYTES` allow: where there are more, the video is decoded again for
+    each part.
+    """
+    while True:
+        held: deque[Frame] = deque()
+        for frame in video:
+            if frame.index >= end:
+                break
+            if frame.time >= begin:
+                held.append(frame)
+                if len(held) > 1 and len(held) * frame.pixels.nbytes > HELD_BYTES:
+                    held.popleft()
+        if not held:
+            return
+        end = held[0].index
+        while held:
+            yield held.pop()
 
 
 def expected_count(video: Video, start: float | None = None, end: float | None = None) -> int | None:

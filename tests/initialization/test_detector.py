@@ -43,3 +43,34 @@ def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyP
     assert found is not None
     assert found[0].index == 1
     assert len(found[1]) == 1
+
+
+def _moved(across: float, scale: float = 1.0) -> Any:
+    """Points (478, 3) of one face, moved by a share of its size, larger or smaller."""
+    points = np.random.default_rng(2).uniform(0, 100, (478, 3))
+    return scale * points + [100 * across, 0, 0]
+
+
+@pytest.mark.parametrize("others", [[], [_moved(2.0)], [_moved(0.4)]])
+def test_a_face_is_followed_beside_others_while_it_moves_little(
+    others: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = [[*others, _moved(0.1)], others[:0], [_moved(0.3, 1.1), *others], [_moved(3.0)], [_moved(0.2)]]
+    frames = [replace(small_motion().frames[0], index=k) for k in range(1, 1 + len(answers))]
+    shown = iter(answers)
+    monkeypatch.setattr(detector, "read_faces", lambda mesh, pixels: next(shown))
+    first = detector._landmarks(small_motion().frames[0], _moved(0.0))
+    followed = list(detector.follow(first, frames))
+    assert [frame.index for frame, _ in followed] == [1, 3, 5]
+    for (_, found), there in zip(followed, (_moved(0.1), _moved(0.3, 1.1), _moved(0.2)), strict=True):
+        np.testing.assert_allclose(found.points, there[:, :2])
+
+
+def test_a_closer_look_is_that_of_detection() -> None:
+    frame = small_motion().frames[0]
+    once, (several,) = detector.detect_once(frame), detector.detect(frame)
+    assert once is not None
+    refined = detector.refine(frame, once)
+    assert refined is not None
+    np.testing.assert_allclose(refined.points, several.points)
+    assert detector.refine(_texture(), once) is None

@@ -28,6 +28,8 @@ NO_DETECTOR = (
 _COPIES = ((0.0, 1.0), (-8.0, 0.95), (8.0, 0.95), (-4.0, 1.1), (4.0, 1.1), (0.0, 0.85))
 """Turn in degrees and scale of each copy of the frame."""
 _MAXIMUM_FACES = 8
+_SAME_PLACE = 0.5
+"""Mean distance of two faces' points, over their size, below which the later may be the earlier one."""
 
 
 def detect(frame: Frame) -> list[Landmarks]:
@@ -61,6 +63,35 @@ def detect_once(frame: Frame) -> Landmarks | None:
     with _face_mesh(_MAXIMUM_FACES) as mesh:
         faces = _largest_first(mesh, frame)
     return _landmarks(frame, faces[0]) if faces else None
+
+
+def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
+    """A face in later frames, from a single look each; frames that show none where it was last are passed over.
+
+    Raises MienError where MediaPipe is not installed.
+    """
+    with _face_mesh(_MAXIMUM_FACES) as mesh:
+        for frame in frames:
+            here = (_landmarks(frame, found) for found in read_faces(mesh, frame.pixels))
+            same = min(here, key=lambda found: _apart(found, face), default=face)
+            if same is not face and _apart(same, face) < _SAME_PLACE:
+                face = same
+                yield frame, face
+
+
+def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
+    """A face from a single look, from several; None where they do not show it.
+
+    Raises MienError where MediaPipe is not installed.
+    """
+    assert face.depths is not None, "a detected face has depths"
+    seen_again = _average(frame, np.column_stack([face.points, face.depths]))
+    return None if seen_again is None else _landmarks(frame, seen_again)
+
+
+def _apart(a: Landmarks, b: Landmarks) -> float:
+    """Mean distance of two faces' points over the size of the second."""
+    return float(np.linalg.norm(a.points - b.points, axis=1).mean() / np.ptp(b.points, axis=0).max())
 
 
 def _largest_first(mesh: Any, frame: Frame) -> list[Array]:

@@ -69,6 +69,11 @@ class FirstFrame:
     axes_sd: Array
 
     @property
+    def turned_deg(self) -> float:
+        """Angle in degrees between where the face looks and the camera."""
+        return turned_deg(self.R, self.t)
+
+    @property
     def sigma(self) -> Array:
         """Shape parameters of Eq. (1)."""
         return self.prior.sigma(self.coefficients)
@@ -144,6 +149,11 @@ def most_likely_facing(R: Array, t: Array) -> tuple[Array, Array]:
     expected = angles * (1 - looks * back)
     variance = looks * axes * (1 - back) + (1 - looks) * axes + looks * (1 - looks) * (angles * back) ** 2
     return np.asarray(ray @ matrix_from_euler(np.radians(expected)) @ FACING), np.radians(np.sqrt(variance))
+
+
+def turned_deg(R: Array, t: Array) -> float:
+    """Angle in degrees between where a face with pose R (3, 3), t (3,) looks and the camera."""
+    return float(np.degrees(np.arccos(np.clip(-(R[:, 2] @ t) / np.linalg.norm(t), -1, 1))))
 
 
 def _minimize(problem: _Problem, x: Array, iterations: int = 30) -> Array:

@@ -1,0 +1,202 @@
+"""What tracking begins with: the camera, and a frame with its landmarks.
+
+Tracking begins in the first frame that shows a face; in a file, where the face is turned there, in the one of the
+seconds that follow in which it looks most into the camera. From there it goes both ways.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from mien.errors import MienError, require, warn
+from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
+from mien.initialization.fit import fit_first_frame
+from mien.initialization.landmark_files import read_landmarks
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.state import Estimate
+from mien.video import Frame, Video, select
+
+LOOK_SECONDS = 10.0
+"""How long a face that is turned is followed for a better look, and how far tracking goes back at most."""
+_LOOK_EVERY = 0.2
+"""Seconds between two looks."""
+TURNED_DEG = 15.0
+"""Turn of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
+_BEST_DEG = 5.0
+"""Turn below which there is no better look; and what a better look must gain."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """All that tracking begins with. first: the frame that the landmarks belong to; frames: all that have a row, the
+    first among them; since: seconds, from where on the frames before it are tracked, backwards; told: index of the
+    first frame that progress has not heard of, when a face was looked for."""
+
+    video: Video
+    first: Frame
+    frames: Iterator[Frame]
+    landmarks: Landmarks
+    camera: Camera
+    since: float
+    told: int = 0
+
+
+def prepare(
+    source: Video,
+    landmarks: Landmarks | str | Path | None = None,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    tell: Callable[[Estimate], None] = lambda estimate: None,
+) -> Start:
+    """Choose the camera, find the face: where no landmarks are given, in the first frame that shows one, and `tell`
+    hears of those that show none, or in a later one that shows it better; where they belong to a later frame, there.
+    Raises MienError for bad input."""
+    frames = select(source, start, end)
+    earliest = next(frames)
+    chosen = choose_camera(earliest, camera, focal_px, fov_deg)
+    again = source.path is not None  # a camera shows every frame once: what came before the face is gone
+    told = 0
+    if landmarks is None:
+        search = chain([earliest], frames)
+        first, landmarks = find_face(search, source.name, without_face=lambda frame: tell(not_yet(frame)))
+        told = first.index
+        if again:
+            first, landmarks = most_frontal(first, landmarks, chosen, source, end)
+    else:
+        if not isinstance(landmarks, Landmarks):
+            landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
+        first = _frame_of(landmarks, chain([earliest], frames), source)
+    landmarks.check(first.width, first.height)
+    later = again and first is not earliest
+    frames = select(source, start, end) if later else chain([first], frames)
+    since = max(earliest.time, first.time - LOOK_SECONDS) if later else first.time
+    return Start(source, first, frames, _as_written(landmarks), chosen, since, told)
+
+
+def not_yet(frame: Frame) -> Estimate:
+    """What there is to say of a frame before tracking begins."""
+    return Estimate.lost(frame, "no face was seen yet")
+
+
+def most_frontal(
+    first: Frame, landmarks: Landmarks, camera: Camera, video: Video, end: float | None = None
+) -> tuple[Frame, Landmarks]:
+    """The frame from which a face is best learned: this one, or, where it is turned there, the one in which it looks
+    most into the camera of those that follow, with its landmarks; warns where it is another."""
+    from mien.initialization.detector import follow, refine
+
+    turned = best = fit_first_frame(landmarks, camera).turned_deg
+    if turned <= TURNED_DEG:
+        return first, landmarks
+    until = min(first.time + LOOK_SECONDS, np.inf if end is None else end)
+    step = max(1, round(_LOOK_EVERY * video.fps))
+    found = None
+    for frame, face in follow(landmarks, islice(select(video, first.time, until), step, None, step)):
+        deg = fit_first_frame(face, camera).turned_deg
+        if deg < best:
+            best, found = deg, (frame, face)
+        if deg < _BEST_DEG:
+            break
+    if found is None or best > turned - _BEST_DEG:
+        return first, landmarks
+    frame, face = found
+    refined = refine(frame, face)
+    if refined is None:
+        return first, landmarks
+    warn(
+        f"{video.name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s; tracking begins at "
+        f"{frame.time:.2f} s, where it is by {best:.0f}, and goes back from there, too"
+    )
+    return frame, replace(refined, source=landmarks.source)
+
+
+def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
+    """The frame that landmarks belong to, or the first where they belong to an earlier one, with a warning."""
+    first = next((frame for frame in frames if frame.time > landmarks.time - 0.5 / source.fps), None)
+    if first is None:
+        raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
+    if first.time - landmarks.time > 1.5 / source.fps:
+        warn(
+            f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
+            f"--start {landmarks.time:.2f} begins where it belongs"
+        )
+    return first
+
+
+def find_face(frames: Iterable[Frame], name: str, without_face: Callable[[Frame], None]) -> tuple[Frame, Landmarks]:
+    """The first frame with a face, and the largest that is there; `without_face` is called with those before it. Raises
+    MienError if there is none; warns where it is not the first of the frames, or has several faces."""
+    from mien.initialization.detector import first_with_a_face
+
+    times: list[float] = []
+
+    def noted() -> Iterator[Frame]:
+        for frame in frames:
+            times.append(frame.time)
+            yield frame
+            without_face(frame)
+
+    found = first_with_a_face(noted())
+    if found is None:
+        raise MienError(
+            f"{name}: no face was found in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
+            "annotate one and pass --landmarks, or enlarge or brighten the video"
+        )
+    first, faces = found
+    if len(times) > 1:
+        warn(f"{name}: a face is first found at {first.time:.2f} s, where tracking begins")
+    if len(faces) > 1:
+        warn(f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked")
+    return first, replace(faces[0], source=f"{name}, detected face")
+
+
+def choose_camera(
+    frame: Frame,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+) -> Camera:
+    """The camera that is given in one of three ways, else one with a field of view of 60 degrees."""
+    given = [v for v in (camera, focal_px, fov_deg) if v is not None]
+    require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
+    if isinstance(camera, Camera):
+        return camera
+    if camera is not None:
+        return read_camera(Path(camera))
+    if focal_px is not None:
+        return Camera.centred(focal_px, frame.width, frame.height)
+    return Camera.from_fov(frame.width, frame.height, DEFAULT_FOV_DEG if fov_deg is None else fov_deg)
+
+
+def read_camera(path: Path) -> Camera:
+    """The camera in a JSON {"focal_px": .., "cx": .., "cy": ..}, or in NAME.json of an earlier track."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        values = values.get("camera", values)
+        return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
+    except MienError as error:
+        raise MienError(f"{path}: {error}") from error
+    except OSError as error:
+        raise MienError(f"{path} cannot be read ({error.strerror}); check the name") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MienError(f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels ({error})') from error
+
+
+def _as_written(landmarks: Landmarks) -> Landmarks:
+    """The landmarks with the decimals that they have in a file, so that a run from that file is the same run."""
+    written = landmarks.to_dict()
+    depths = written["depths"]
+    return replace(
+        landmarks,
+        points=np.array(written["points"]),
+        depths=None if depths is None else np.array(depths),
+    )
