@@ -298,6 +298,20 @@ def test_several_faces(mien: Command, video: Path, monkeypatch: pytest.MonkeyPat
     assert first == pytest.approx(known_portrait().landmarks.points[0].tolist(), abs=1e-3)
 
 
+def test_a_file_that_is_read_often_is_complained_of_once(
+    mien: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Found in the third image, the face is tracked backwards, forwards, and all of it again."""
+    (tmp_path / "images").mkdir()
+    for index, image in enumerate(portrait_images()):
+        cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), image[..., ::-1])
+    (tmp_path / "images" / "1.png").write_bytes(b"no image")
+    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=2, time=0.08)], at=2)
+    result = mien("track", tmp_path / "images", "-o", "out.csv", "--passes", "2")
+    assert result.status == 0
+    assert result.err.count("1.png is not a readable image and was left out") == 1
+
+
 @needs_mediapipe
 def test_no_face_and_two_faces_with_the_real_detector(
     mien: Command, refused: Callable[..., None], tmp_path: Path

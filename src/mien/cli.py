@@ -13,6 +13,7 @@ import signal
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
@@ -92,6 +93,7 @@ def main() -> None:
 def _common(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", MienWarning)
+    _say_once.cache_clear()
     if version:
         typer.echo(__version__)
         raise typer.Exit
@@ -258,6 +260,12 @@ def _say(sentence: str) -> None:
     typer.echo(" ".join(sentence.split()), err=True)
 
 
+@cache
+def _say_once(sentence: str) -> None:
+    """What is wrong with a file is found each time that it is read."""
+    _say(sentence)
+
+
 def _show_warning(
     message: Warning | str,
     category: type[Warning],
@@ -268,7 +276,7 @@ def _show_warning(
 ) -> None:
     """Warnings of mien as one sentence; those of others as Python writes them."""
     if issubclass(category, MienWarning):
-        _say(f"mien: {message}")
+        _say_once(f"mien: {message}")
     else:
         typer.echo(warnings.formatwarning(message, category, filename, lineno), err=True, nl=False)
 
