@@ -2,8 +2,8 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/turned_start.py PATH`, with PATH a folder of rendered sequences. Each is begun at
 every 25th frame, played from there to its end, and from there backwards. Protocol `rebased`, landmarks from the
-detector. Last, for the heads that are turned by more than 15 degrees: the same beside `mien track`, which begins where
-the face looks into the camera and goes both ways.
+detector. Last, by turn and by kind of sequence: the same beside `mien track`, which begins in the frame that shows the
+face best and goes both ways.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from ablation import KINDS as SEQUENCE_KINDS
 from ablation import Run, prepare, print_tables, score, scored
 
 from mien import pipeline, start
@@ -62,16 +63,17 @@ class Played:
 
 
 def as_tracked(run: Run) -> Score:
-    """What `mien track` makes of a run: begun where the face looks into the camera, and played both ways."""
+    """What `mien track` makes of a run: begun in the frame that shows the face best, and played both ways."""
     begin = start.prepare(Played(run.sequence.video, run.frames), camera=run.sequence.camera)
     tracker = RealtimeTracker()
     earlier = {estimate.index: estimate for estimate in pipeline.run_back(tracker, begin)}
-    return scored([estimate for _, estimate in pipeline.run(tracker.again(), begin, earlier)], run)
+    onwards = tracker.again() if earlier else tracker
+    return scored([estimate for _, estimate in pipeline.run(onwards, begin, earlier)], run)
 
 
-def starts(run: Run) -> Iterator[tuple[Score, Score | None]]:
-    """What the tracker makes of a run from each of its beginnings, and what `mien track` does where the face is turned;
-    the kind is the turn there."""
+def starts(run: Run) -> Iterator[tuple[Score, Score]]:
+    """What the tracker makes of a run from each of its beginnings, and what `mien track` does; the kind is the turn
+    there."""
     for first in range(0, len(run.frames), STEP):
         begun = begun_at(run, first)
         if begun is not None and begun.truth.rotations is not None:
@@ -79,7 +81,7 @@ def starts(run: Run) -> Iterator[tuple[Score, Score | None]]:
             kind = KINDS[int(np.searchsorted(TURNS_DEG, turn, side="right")) - 1]
             made = score(RealtimeTracker, begun)
             made = replace(made, result=replace(made.result, tracker="realtime", kind=kind))
-            yield made, as_tracked(begun) if turn > start.TURNED_DEG else None
+            yield made, as_tracked(begun)
 
 
 def aligned_deg(score: Score) -> Array:
@@ -108,13 +110,13 @@ def main() -> None:
     pairs = [pair for sequence in sequences for pair in starts(prepare(sequence))]
     pairs.sort(key=lambda pair: KINDS.index(pair[0].result.kind))
     print_tables([there for there, _ in pairs], (angles_by_kind, calibration))
-    heads = ("turn", "starts", "begun there", "aligned", "lost", "as tracked", "aligned", "lost")
+    heads = ("", "starts", "begun there", "aligned", "lost", "as tracked", "aligned", "lost")
     print(f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", sep="\n")
-    for kind in KINDS:
-        turned = [(there, front) for there, front in pairs if front is not None and there.result.kind == kind]
-        if turned:
-            cells = (cell for scores in zip(*turned, strict=True) for cell in errors(scores))
-            print(f"| {kind} | {len(turned)} | {' | '.join(cells)} |")
+    for name in (*KINDS, *SEQUENCE_KINDS):
+        begun = [pair for pair in pairs if name in (score.result.kind for score in pair)]
+        if begun:
+            cells = (cell for scores in zip(*begun, strict=True) for cell in errors(scores))
+            print(f"| {name} | {len(begun)} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

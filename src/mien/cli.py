@@ -75,6 +75,9 @@ Focal = Annotated[float | None, typer.Option(help="Focal length in pixels.", met
 Fov = Annotated[float | None, typer.Option(help="Horizontal field of view; 60 if not given.", metavar="DEG")]
 Start = Annotated[float | None, typer.Option(help="Begin here.", metavar="SECONDS")]
 End = Annotated[float | None, typer.Option(help="End before this.", metavar="SECONDS")]
+AtOnce = Annotated[
+    bool, typer.Option("--at-once", help="Learn the face where it is first seen, not where it is best in ten seconds.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 
 
@@ -124,6 +127,7 @@ def track(
     plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png.")] = None,
     start: Start = None,
     end: End = None,
+    at_once: AtOnce = False,
     passes: Annotated[
         int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
     ] = 1,
@@ -144,6 +148,7 @@ def track(
             fov_deg=fov,
             start=start,
             end=end,
+            at_once=at_once,
             passes=passes,
             progress=progress,
             save=output,
@@ -168,9 +173,10 @@ def landmarks(
     focal: Focal = None,
     fov: Fov = None,
     start: Start = None,
+    at_once: AtOnce = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the face in the first frame of VIDEO; write its landmarks, and a picture of the fitted mesh.
+    """Find the face of VIDEO where tracking begins; write its landmarks, and a picture of the fitted mesh.
 
     Correct the file where the picture is wrong, see it again with --landmarks, and give it to mien track.
     """
@@ -179,7 +185,15 @@ def landmarks(
     output = output or Path(_stem(video) + ".landmarks.json")
     plot = plot or output.with_suffix(".png")
     fit = write_first_frame(
-        video, output, plot, landmarks=landmarks, camera=camera, focal_px=focal, fov_deg=fov, start=start
+        video,
+        output,
+        plot,
+        landmarks=landmarks,
+        camera=camera,
+        focal_px=focal,
+        fov_deg=fov,
+        start=start,
+        at_once=at_once,
     )
     if not quiet:
         typer.echo(f"the fitted mesh is {fit.residual_px:.2f} pixels (root mean square) from the landmarks")

@@ -64,6 +64,7 @@ def track(
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
+    at_once: bool = False,
     passes: int = 1,
     progress: Progress | None = None,
     save: str | Path | None = None,
@@ -74,9 +75,10 @@ def track(
 
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
     camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
-    seconds. passes: 2 tracks a file twice, from the start with the shape of the face that the first time has taught:
-    more accurate, half as fast. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a
-    `.png`.
+    seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one of the next ten
+    seconds that shows it best. passes: 2 tracks a file twice, the second time with the shape of the face that the
+    first has taught: more accurate, half as fast. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an
+    `.mp4`; plot: a `.png`.
 
     When it is stopped (Ctrl-C, an error), what was tracked is written to `save` and `plot` before the
     exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of the
@@ -92,7 +94,7 @@ def track(
         if progress is not None:
             progress(estimate, total)
 
-    begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, tell)
+    begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, at_once, tell)
     _check_passes(passes, source, tracker, preset)
     for turn in range(1, passes + 1):
         if turn > 1 and isinstance(tracker, RepeatableTracker):
@@ -183,15 +185,17 @@ def write_first_frame(
     focal_px: float | None = None,
     fov_deg: float | None = None,
     start: float | None = None,
+    at_once: bool = False,
 ) -> FirstFrame:
-    """Write the landmarks of the first frame, and a picture of the mesh that is fitted to them; give the fit."""
+    """Write the landmarks of the frame in which tracking begins, and a picture of the mesh that is fitted to them; give
+    the fit."""
     from mien.output.overlay import draw_mesh, save_png
 
     require(Path(plot).suffix.lower() == ".png", f"{plot}: the picture is a PNG; choose a name that ends in .png")
     for path in (Path(output), Path(plot)):
         require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
         require_writable(path)
-    begin = prepare(open_video(video), landmarks, camera, focal_px, fov_deg, start)
+    begin = prepare(open_video(video), landmarks, camera, focal_px, fov_deg, start, at_once=at_once)
     fit = fit_first_frame(begin.landmarks, begin.camera)
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)

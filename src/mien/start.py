@@ -1,7 +1,7 @@
 """What tracking begins with: the camera, and a frame with its landmarks.
 
-Tracking begins in the first frame that shows a face; in a file, where the face is turned there, in the one of the
-seconds that follow in which it looks most into the camera. From there it goes both ways.
+Tracking begins in the first frame that shows a face; in a file in that of the ten seconds from there in which the face
+is best learned. From there it goes both ways.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks
+from mien.initialization.looks import expected_errors
 from mien.tracking.state import Estimate
 from mien.video import Frame, Video, select
 
 LOOK_SECONDS = 10.0
-"""How long a face that is turned is followed for a better look, and how far tracking goes back at most."""
-_LOOK_EVERY = 0.2
+"""How long a face is looked at for the frame from which it is best learned, and how far tracking goes back at most."""
+_LOOK_EVERY = 0.5
 """Seconds between two looks."""
+_LEAST_GAIN = 0.12
+"""What a later frame must gain: so much of the error of a track that begins at rest."""
 TURNED_DEG = 15.0
-"""Turn of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
-_BEST_DEG = 5.0
-"""Turn below which there is no better look; and what a better look must gain."""
+"""Turn of the face where tracking begins beyond which errors are twice as large (docs/benchmark.md)."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +56,11 @@ def prepare(
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
+    at_once: bool = False,
     tell: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Start:
-    """Choose the camera, find the face: where no landmarks are given, in the first frame that shows one, and `tell`
-    hears of those that show none, or in a later one that shows it better; where they belong to a later frame, there.
+    """Choose the camera, find the face: where landmarks are given, in their frame; else in the first frame that shows
+    one, and `tell` hears of those that show none, or, unless `at_once`, in a later one from which it is better learned.
     Raises MienError for bad input."""
     frames = select(source, start, end)
     earliest = next(frames)
@@ -69,8 +71,8 @@ def prepare(
         search = chain([earliest], frames)
         first, landmarks = find_face(search, source.name, without_face=lambda frame: tell(not_yet(frame)))
         told = first.index
-        if again:
-            first, landmarks = most_frontal(first, landmarks, chosen, source, end)
+        if again and not at_once:
+            first, landmarks = best_look(first, landmarks, chosen, source, end)
     else:
         if not isinstance(landmarks, Landmarks):
             landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
@@ -87,36 +89,24 @@ def not_yet(frame: Frame) -> Estimate:
     return Estimate.lost(frame, "no face was seen yet")
 
 
-def most_frontal(
+def best_look(
     first: Frame, landmarks: Landmarks, camera: Camera, video: Video, end: float | None = None
 ) -> tuple[Frame, Landmarks]:
-    """The frame from which a face is best learned: this one, or, where it is turned there, the one in which it looks
-    most into the camera of those that follow, with its landmarks; warns where it is another."""
+    """The frame from which a face is best learned, and its landmarks there: this one, or one of those that follow."""
     from mien.initialization.detector import follow, refine
 
-    turned = best = fit_first_frame(landmarks, camera).turned_deg
-    if turned <= TURNED_DEG:
-        return first, landmarks
-    until = min(first.time + LOOK_SECONDS, np.inf if end is None else end)
     step = max(1, round(_LOOK_EVERY * video.fps))
-    found = None
-    for frame, face in follow(landmarks, islice(select(video, first.time, until), step, None, step)):
-        deg = fit_first_frame(face, camera).turned_deg
-        if deg < best:
-            best, found = deg, (frame, face)
-        if deg < _BEST_DEG:
-            break
-    if found is None or best > turned - _BEST_DEG:
+    until = min(first.time + LOOK_SECONDS, np.inf if end is None else end)
+    later = islice(select(video, first.time, until), step, None, step)
+    looks = [landmarks, *(face for _, face in follow(landmarks, later))]
+    fit = fit_first_frame(landmarks, camera)
+    errors = expected_errors(looks, camera, fit.R, fit.t)
+    best = looks[int(np.argmin(errors))]
+    if errors[0] - errors.min() < _LEAST_GAIN:
         return first, landmarks
-    frame, face = found
-    refined = refine(frame, face)
-    if refined is None:
-        return first, landmarks
-    warn(
-        f"{video.name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s; tracking begins at "
-        f"{frame.time:.2f} s, where it is by {best:.0f}, and goes back from there, too"
-    )
-    return frame, replace(refined, source=landmarks.source)
+    frame = next(select(video, best.time))
+    refined = refine(frame, best)
+    return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
 
 
 def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:

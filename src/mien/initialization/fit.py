@@ -69,11 +69,6 @@ class FirstFrame:
     axes_sd: Array
 
     @property
-    def turned_deg(self) -> float:
-        """Angle in degrees between where the face looks and the camera."""
-        return turned_deg(self.R, self.t)
-
-    @property
     def sigma(self) -> Array:
         """Shape parameters of Eq. (1)."""
         return self.prior.sigma(self.coefficients)

@@ -1,0 +1,71 @@
+"""From which of several looks a face is best learned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array, exp
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
+from mien.initialization.looks import PER_DEGREE, PER_UPPER, expected_errors
+from small_motion import face
+
+EYES = np.array([LANDMARK_VERTICES[f"{side}_eye_outer_corner"] for side in ("left", "right")])
+
+
+def look(
+    turn_deg: tuple[float, float, float] = (0, 0, 0), scale: float = 1.0, moved: dict[str, float] | None = None
+) -> Landmarks:
+    """The face of the portrait from far away, turned about its axes, larger, its landmarks moved up by distances of the
+    eyes."""
+    vertices = face().fit.shape.copy()
+    eyes = float(np.linalg.norm(np.diff(vertices[EYES], axis=0)))
+    for name, up in (moved or {}).items():
+        vertices[LANDMARK_VERTICES[name], 1] += up * eyes
+    posed = 100 * scale * vertices @ (face().fit.R @ exp(np.radians(turn_deg))).T
+    ids, rows = rows_of_scheme("mediapipe478")
+    points = np.zeros((478, 3))
+    points[rows] = posed[ids][:, None]
+    return Landmarks(points[:, :2] + 200, "mediapipe478", points[:, 2])
+
+
+def errors(*looks: Landmarks) -> Array:
+    fit = face().fit
+    far = Camera(1e9, 200, 200)
+    return expected_errors(looks, far, fit.R, -fit.R[:, 2])  # the camera is where the first look goes
+
+
+def test_a_face_at_rest_that_looks_into_the_camera() -> None:
+    """However large it is, and wherever its roll."""
+    np.testing.assert_allclose(errors(look(), look(scale=2), look((0, 0, 30))), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_turn_costs_by_degree(axis: int) -> None:
+    turn = [0.0, 0.0, 0.0]
+    turn[axis] = 20
+    found = errors(look(), look(), look((turn[0], turn[1], turn[2])))
+    np.testing.assert_allclose(found, [1, 1, 1 + 20 * PER_DEGREE], atol=1e-6)
+
+
+def test_raised_brows_cost_where_they_are_mostly_not() -> None:
+    brows = {name: 0.1 for name in LANDMARK_VERTICES if "brow" in name}
+    raised, rest = look(moved=brows), look()
+    found = errors(raised, rest, rest, rest)
+    np.testing.assert_allclose(found[1:], 1, atol=1e-6)
+    assert found[0] == pytest.approx(1 + PER_UPPER * 0.1 * np.sqrt(6 / 10))  # six of the brows, four of the lids
+    assert errors(raised, raised, raised, rest).argmax() == 3
+
+
+@pytest.mark.parametrize("closed", [("eyelid_upper_mid", -0.06), ("eyelid_lower_mid", 0.06)])
+def test_a_blink_and_an_open_mouth_cost(closed: tuple[str, float]) -> None:
+    lids = {f"{side}_{closed[0]}": closed[1] for side in ("left", "right")}
+    mouth = {name: -0.3 for name in LANDMARK_VERTICES if name.startswith("lower_lip")}
+    found = errors(look(), look(moved=lids), look(), look(moved=mouth), look())
+    np.testing.assert_allclose(found[[0, 2, 4]], 1, atol=1e-6)
+    assert (found[[1, 3]] > 1.2).all()
+
+
+def test_one_look_is_at_rest() -> None:
+    np.testing.assert_allclose(errors(look()), 1, atol=1e-6)
