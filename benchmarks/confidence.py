@@ -100,8 +100,8 @@ def track(run: Run) -> Frames:
     """Track a run, and note what its confidence is made of."""
     noted: list[tuple[float, float, float]] = []
 
-    def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
-        value = uncertainty.confidence(covariance, d2, seen, R, R_first)
+    def confidence(covariance: Array, d2: Array, seen: float, *others: Any) -> float:
+        value = uncertainty.confidence(covariance, d2, seen, *others)
         noted.append((float(np.log(np.trace(covariance[:3, :3]))), seen, value))
         return value
 

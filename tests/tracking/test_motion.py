@@ -139,3 +139,23 @@ def test_it_takes_out_noise_and_does_not_lag() -> None:
         gain[cls] = np.polyfit(np.diff(true[:, 0, 2], 2), np.diff(turn[:, 0, 2], 2), 1)[0]
     assert jitter[RealtimeTracker] < 0.8 * jitter[_Unmoved]
     assert gain[RealtimeTracker] == pytest.approx(1, abs=0.1)
+
+
+def test_a_face_is_the_same_in_the_next_frame_and_another_picture_is_not(next_frame: Frame) -> None:
+    """At the pose where it is. Noise of 30 grey values leaves more than half, a face upside down nothing."""
+    first, *_ = two_frames().frames
+    noise = np.random.default_rng(0).normal(0, 30, first.pixels.shape)
+    noisy = replace(next_frame, pixels=np.clip(next_frame.pixels + noise, 0, 255).astype(np.uint8))
+    turned = replace(next_frame, pixels=np.ascontiguousarray(next_frame.pixels[::-1]))
+    agreements = []
+    for frame in (next_frame, noisy, turned):
+        tracker = RealtimeTracker()
+        tracker.initialize(first, face().landmarks, face().camera)
+        view, solution = tracker._fine(next_frame, tracker._stay())
+        tracker.pose = solution.pose
+        seen = tracker._look(tracker.face.fine, frame, solution.pose)
+        agreements.append(tracker._remember(replace(seen, facing=view.facing), solution))
+    same, noised, other = agreements
+    assert same > 0.97
+    assert 0.5 < noised < same
+    assert other < 0.4

@@ -17,7 +17,7 @@ from mien.synthetic import SyntheticSequence
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from mien.video import Frame, Pixels
-from small_motion import run
+from small_motion import face, run
 
 CLOSE_DEG = 4.5
 """What counts as followed: the undisturbed sequence stays below three degrees."""
@@ -87,6 +87,19 @@ def test_frames_of_noise() -> None:
     estimates, errors = _track(_changed(lambda image: rng.uniform(0, 255, image.shape), range(18, 23)))
     assert all(estimates[k].status is Status.LOST for k in range(18, 23))
     assert errors[23 + BACK_WITHIN :].max() < CLOSE_DEG
+
+
+def test_after_a_loss_it_takes_a_while_until_the_face_is_known_again() -> None:
+    truth = _changed(lambda image: 0 * image, range(10, 13))
+    tracker, known = RealtimeTracker(), []
+    tracker.initialize(truth.frames[0], face().landmarks, face().camera)
+    for frame in truth.frames[1:]:
+        tracker.track(frame)
+        known.append(tracker.known)
+    assert min(known[:9]) > 0.99
+    assert known[12] == 0
+    assert 0.05 < known[13] < 0.2
+    assert known[-1] > 0.85
 
 
 # The time is not what it should be.

@@ -110,3 +110,12 @@ def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
     stranger = np.full(26, 55.0)
     assert confidence(1e-5 * np.eye(12), stranger, 1.0, FACING, FACING) < 0.01
     assert confidence(1e-5 * np.eye(12), np.where(np.arange(26) < 9, 10.0, 55.0), 1.0, FACING, FACING) > 0.9
+
+
+def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
+    """A grimace looks like somebody else; what hides most of the face hides who it is, too."""
+    grimace = np.full(26, 55.0)
+    believed = [confidence(1e-5 * np.eye(12), grimace, 1.0, FACING, FACING, known) for known in (0, 0.5, 1)]
+    np.testing.assert_allclose(believed, [0, 0.4, 0.8], atol=0.01)
+    assert confidence(1e-5 * np.eye(12), grimace, 0.4, FACING, FACING, 1.0) < 0.05
+    assert confidence(1e-5 * np.eye(12), PERFECT, 1.0, FACING, FACING, 1.0) > 0.99

@@ -28,6 +28,8 @@ from mien.tracking.kernels import STATE, add_prior, differentiate, extend, place
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 _RIGID = 6
 """Numbers of a pose step that turn and move the head, before those of the animation."""
+_OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
+"""Weight above which a landmark is the face's, and how many such landmarks say that it is the same as before."""
 _LEAST_GREY = 1.0
 """Grey values: patches that agree better than this agree by chance."""
 
@@ -39,19 +41,27 @@ class Motion:
         """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
         self.settings = settings
         self.patches = patches
+        self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
         view: tuple[Array, ...], weight: Array,
-    ) -> None:  # fmt: skip
+    ) -> float:  # fmt: skip
         """Take the patches from a crop in which the face is at a pose (R, t, animation).
 
         person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
-        each landmark is the face's and not something's before it.
+        each landmark is the face's and not something's before it. Returns the median correlation of the patches with
+        those that were the face's in the frame before; 0 where there were hardly any.
         """
+        before, face = self.template, self.weight > _OF_THE_FACE
         self.template = take_patches(image, person, self.patches, pose, view)
         self.weight = weight
+        if before is None or face.sum() < _LEAST_PATCHES:
+            return 0.0
+        (old, old_norms), (new, new_norms) = before[:2], self.template[:2]
+        correlation = (old * new).sum(axis=1) / np.maximum(old_norms * new_norms, 1e-6)
+        return float(np.median(correlation[face]))
 
     def measure(
         self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]

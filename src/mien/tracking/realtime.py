@@ -28,6 +28,8 @@ from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
+    RECOGNITION_RATE,
+    SAME_CORRELATION,
     Reference,
     confidence,
     familiarity,
@@ -103,6 +105,7 @@ class RealtimeTracker:
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = 0
+        self.known = 1.0
         self.first = self._reference()
         settled = self._settle(frame)
         self.first = self._reference()
@@ -138,12 +141,13 @@ class RealtimeTracker:
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
-        familiar = familiarity(solution.telling, self.pose.R, self.first.R) > 0.5
-        if familiar and solution.misfit(self.expected) < s.retry_distance:
+        familiar = familiarity(solution.telling, self.pose.R, self.first.R)
+        if familiar > 0.5 and solution.misfit(self.expected) < s.retry_distance:
             self._learn(solution)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        self._remember(view, solution)
+        same = self._remember(view, solution) > SAME_CORRELATION and status is Status.TRACKED
+        self.known = max(self.known, self.known + RECOGNITION_RATE * (familiar - self.known)) if same else 0.0
         return self._estimate(frame, status, solution)
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
@@ -220,11 +224,11 @@ class RealtimeTracker:
         drift = self.motion.drift(self.pose.step_to(pose))
         return Prediction(pose, np.linalg.inv(self.spread + covariance + np.diag(drift)))
 
-    def _remember(self, view: View, solution: Solution) -> None:
-        """Keep what the next frame's motion is measured from."""
+    def _remember(self, view: View, solution: Solution) -> float:
+        """Keep what the next frame's motion is measured from; returns how well it agrees with the last frame's."""
         self.spread = solution.spread
         seen = solution.facing * np.minimum(solution.w / _TRUSTED, 1)
-        self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
+        return self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
 
     def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw moves further in a frame than its patches reach: where they do not fit, try it elsewhere."""
@@ -369,7 +373,7 @@ class RealtimeTracker:
         covariance = state_covariance(
             solution.spread, solution.d2[seen], share, self.pose.R, self.first, self.shape.relief_sd
         )
-        sure = confidence(covariance, solution.telling, share, self.pose.R, self.first.R)
+        sure = confidence(covariance, solution.telling, share, self.pose.R, self.first.R, self.known)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             sure, self.fit.mm_per_unit,

@@ -40,6 +40,15 @@ _STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
+SAME_CORRELATION = 0.8
+"""Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
+one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
+RECOGNITION_RATE = 0.1
+"""How fast it becomes known whose face it is, by frame: a stranger looks familiar now and then."""
+_STILL_KNOWN = (0.8, 0.6, 0.05)
+"""How often the rotation is right though the face no longer looks like that of the first frame, when it is the same as
+in the frame before; the share of the landmarks that must be seen, and the width of that step."""
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -87,17 +96,20 @@ def turn_squared(R: Array, R_first: Array) -> float:
     return max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
 
 
-def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array) -> float:
+def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array, known: float = 0.0) -> float:
     """Probability that the rotation is right to 5 degrees.
 
-    d2: (n,) squared distances of the landmarks that face the camera; seen: share of all landmarks that are seen.
-    A logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen,
-    times the probability that this is the face of the first frame at all.
+    d2: (n,) squared distances of the landmarks that face the camera; seen: share of all landmarks that are seen; known:
+    probability that this was the face of the first frame when it last looked like it, if it has been the same face
+    since. A logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is
+    seen, times the probability that this is the face of the first frame at all.
     """
     bias, by_spread = _CONFIDENCE
     least, width = _HARDLY_SEEN
     right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))))
-    return right * _logistic((seen - least) / width) * familiarity(d2, R, R_first)
+    share, enough, step = _STILL_KNOWN
+    same = max(familiarity(d2, R, R_first), share * known * _logistic((seen - enough) / step))
+    return right * _logistic((seen - least) / width) * same
 
 
 def familiarity(d2: Array, R: Array, R_first: Array) -> float:

@@ -1,0 +1,65 @@
+"""Real recordings: how far the real-time tracker is from MediaPipe, learned in the first frame and in the best one.
+
+`OMP_NUM_THREADS=1 python benchmarks/recordings.py PATH`, with PATH a folder of videos. There is no truth: two trackers
+that share nothing but the first landmarks are the nearer to each other the less each errs. Angles between their
+rotations in degrees, the head's axes of one aligned to those of the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import mien
+from mien.errors import MienWarning
+from mien.geometry.rotation import Array, angle_between, matrix_from_euler
+
+
+def rotations(track: mien.Track) -> Array:
+    """(n, 3, 3), NaN where the face is lost."""
+    return np.stack([matrix_from_euler(angles) for angles in np.radians(track.euler_deg)])
+
+
+def apart_deg(a: Array, b: Array) -> Array:
+    """(n,) angles in degrees between two tracks (n, 3, 3) of one head with axes of its own each; NaN where one has
+    lost it."""
+    D = np.swapaxes(a, 1, 2) @ b
+    known = np.isfinite(D).all(axis=(1, 2))
+    U, _, Vt = np.linalg.svd(D[known].mean(axis=0))
+    apart = np.full(len(D), np.nan)
+    apart[known] = np.degrees(angle_between(D[known], U @ Vt))
+    return apart
+
+
+def row(path: Path, seconds: float) -> str:
+    """What the two beginnings make of one recording."""
+    peer = rotations(mien.track(path, preset="mediapipe", at_once=True, end=seconds))
+    cells = [path.stem, str(len(peer))]
+    for at_once in (True, False):
+        track = mien.track(path, at_once=at_once, end=seconds)
+        apart = apart_deg(peer, rotations(track))
+        begun = track.time[track.status.index("initialized")]
+        figures = (begun, np.nanmean(apart), np.nanpercentile(apart, 95))
+        cells += [*(f"{value:.2f}" for value in figures), str(track.lost), str(int((track.confidence < 0.5).sum()))]
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", MienWarning)
+    of_each = ("begun at (s)", "mean", "95 %", "lost", "confidence below a half")
+    columns = ("recording", "frames", *(f"{name}, {which}" for which in ("at once", "best") for name in of_each))
+    print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
+    for path in sorted(arguments.path.iterdir()):
+        if path.suffix in (".mp4", ".webm", ".avi", ".mov"):
+            print(row(path, arguments.seconds), flush=True)
+
+
+if __name__ == "__main__":
+    main()
