@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -74,3 +76,16 @@ def test_a_closer_look_is_that_of_detection() -> None:
     assert refined is not None
     np.testing.assert_allclose(refined.points, several.points)
     assert detector.refine(_texture(), once) is None
+
+
+def test_the_network_comes_without_what_draws_its_results() -> None:
+    asked = """
+import sys
+from mien.initialization.detector import import_face_mesh
+assert import_face_mesh().__name__ == "FaceMesh"
+print("matplotlib" in sys.modules)
+from mediapipe.python.solutions import drawing_utils
+print(callable(drawing_utils.plt.figure), "matplotlib.figure" in sys.modules)
+"""
+    answer = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    assert answer.stdout.split() == ["False", "True", "True"]

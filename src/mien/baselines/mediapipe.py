@@ -15,7 +15,7 @@ from mien.candide.model import Candide, mm_per_unit
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp, log
-from mien.initialization.detector import read_faces, silenced
+from mien.initialization.detector import import_face_mesh, read_faces, silenced
 from mien.initialization.landmarks import Landmarks, rows_by_name, rows_of_scheme
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.video import Frame
@@ -34,10 +34,10 @@ class MediaPipeTracker:
     def __init__(self) -> None:
         with silenced():
             try:
-                from mediapipe.python.solutions.face_mesh import FaceMesh
+                face_mesh = import_face_mesh()
             except ImportError as e:
                 raise MienError(NOT_INSTALLED) from e
-            self._mesh = FaceMesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)
+            self._mesh = face_mesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None

@@ -11,6 +11,8 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterable, Iterator
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import cv2
@@ -146,16 +148,43 @@ def read_faces(mesh: Any, pixels: Any) -> list[Array]:
 def _face_mesh(faces: int) -> Iterator[Any]:
     with silenced():
         try:
-            from mediapipe.python.solutions.face_mesh import FaceMesh
+            mesh = import_face_mesh()(
+                static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
+            )
         except ImportError as e:
             raise MienError(NO_DETECTOR) from e
-        mesh = FaceMesh(
-            static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
-        )
         try:
             yield mesh
         finally:
             mesh.close()
+
+
+def import_face_mesh() -> Any:
+    """MediaPipe's class `FaceMesh`. What draws its results comes with it and imports Matplotlib, which takes half a
+    second: that is put off until somebody draws.
+
+    Raises ImportError where MediaPipe is not installed.
+    """
+    names = ("matplotlib", "matplotlib.pyplot")
+    later = {} if names[0] in sys.modules else {name: _Later(name) for name in names}
+    if later:
+        vars(later[names[0]])["pyplot"] = later[names[1]]
+    sys.modules.update(later)
+    try:
+        from mediapipe.python.solutions.face_mesh import FaceMesh
+    finally:
+        for name in later:
+            del sys.modules[name]
+    return FaceMesh
+
+
+class _Later(ModuleType):
+    """Stands for a module until something of it is asked for."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(import_module(self.__name__), name)
 
 
 @contextlib.contextmanager
