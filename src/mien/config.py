@@ -107,7 +107,8 @@ class RealtimeSettings(Settings):
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     learn_shape: bool = True
     relief_sd: float = Field(0.12, ge=0, description="relative standard deviation of the depth of the whole face")
-    depth_sd: float = Field(0.06, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
+    depth_sd: float = Field(0.08, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
+    depth_length: float = Field(0.5, gt=0, description="distance over which depths err together, CANDIDE units")
     slope_sd: float = Field(0.1, ge=0, description="what the slope of the surface there adds to it, by its tangent")
     eyes_sd: float = Field(0.13, ge=0, description="the same of eyes and brows together: sockets, spectacles")
     lateral_sd: float = Field(0.005, gt=0, description="the same across the ray of the first frame")

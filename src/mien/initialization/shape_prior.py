@@ -68,7 +68,7 @@ def _smooth_fields(vertices: Array) -> Array:
     return np.concatenate(fields)
 
 
-def proximity(a: Array, b: Array) -> Array:
-    """exp(-|a - b|^2 / 2 l^2) of points (m, 3) and (n, 3): (m, n), how much their displacements agree."""
+def proximity(a: Array, b: Array, length: float = FIELD_LENGTH) -> Array:
+    """exp(-|a - b|^2 / 2 length^2) of points (m, 3) and (n, 3): (m, n), how much their displacements agree."""
     squared = ((a[:, None] - b[None]) ** 2).sum(axis=2)
-    return np.asarray(np.exp(-0.5 * squared / FIELD_LENGTH**2))
+    return np.asarray(np.exp(-0.5 * squared / length**2))

@@ -107,7 +107,8 @@ def prior_covariance(
     slope = np.minimum(np.sqrt(1 - cosine**2) / np.maximum(cosine, 1e-3), _STEEPEST)
     sd = np.hypot(settings.depth_sd, settings.slope_sd * slope)
     mirrored = neutral * [-1, 1, 1]
-    together = 0.5 * proximity(neutral, neutral) + 0.35 * proximity(neutral, mirrored) + 0.15 * np.eye(n)
+    near, opposite = (proximity(neutral, other, settings.depth_length) for other in (neutral, mirrored))
+    together = 0.55 * near + 0.2 * opposite + 0.25 * np.eye(n)
     depth = together * np.outer(sd, sd) + settings.relief_sd**2 * np.outer(relief, relief)
     depth += settings.eyes_sd**2 * np.outer(eyes, eyes)
     across = settings.lateral_sd**2 * np.einsum("ij,kl->ikjl", np.eye(n), np.eye(3))

@@ -21,7 +21,7 @@ NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-RELIEF_SCALE, RELIEF_LEAST = 0.435, 0.024
+RELIEF_SCALE, RELIEF_LEAST = 0.42, 0.0235
 """Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
 small: by that of the relief, and at least."""
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
