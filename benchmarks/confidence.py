@@ -4,6 +4,7 @@ with a head that is turned.
 `OMP_NUM_THREADS=1 python benchmarks/confidence.py PATH`, with PATH the folder of the rendered sequences. Prints, as
 Markdown, how often the rotation is right to 5 degrees by confidence and by the share of the landmarks that is seen,
 and the bias and the weight of `mien.tracking.uncertainty` that fit these frames best, a wrong rotation counting twice.
+`-o FIGURE` draws the reliability diagram.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from skimage import data
 from turned_start import begun_at
 
 from mien.evaluation.datasets import load_dataset
+from mien.evaluation.figures import reliability_diagram
 from mien.evaluation.metrics import RIGHT_DEG, reliability
 from mien.geometry.rotation import Array
 from mien.tracking import realtime, uncertainty
@@ -127,9 +129,11 @@ def best_fit(frames: Frames) -> Array:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("path", type=Path)
+    parser.add_argument("-o", "--figure", type=Path)
+    arguments = parser.parse_args()
     rng = np.random.default_rng(0)
     runs = []
-    for sequence in load_dataset("rendered", parser.parse_args().path):
+    for sequence in load_dataset("rendered", arguments.path):
         run = prepare(sequence)
         assert run.truth.landmarks is not None
         runs.append(track(run))
@@ -156,6 +160,8 @@ def main() -> None:
     bias, weight = best_fit(every)
     print(f"\n{len(every.seen)} frames, {every.lost} more lost; gap {100 * diagram.gap:.1f} per cent")
     print(f"best fit: bias {bias:.2f}, weight {weight:.2f}")
+    if arguments.figure is not None:
+        reliability_diagram({"realtime": diagram}).savefig(arguments.figure, dpi=110)
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
         makers += [
             ("head-angle", "Rotation error against the angle of the head", [error_against_head_angle(scores)]),
             ("success", "P_s against the threshold", [success_against_threshold(scores)]),
-            ("reliability", "Reliability of the confidence", [reliability_diagram(scores)]),
+            ("reliability", "Reliability of the confidence", [reliability_diagram(_reliability(scores))]),
         ]
     out = {}
     for name, title, figures in makers:
@@ -159,18 +159,13 @@ def success_against_threshold(scores: Scores) -> Figure:
     return figure
 
 
-def reliability_diagram(scores: Scores) -> Figure:
-    """How often frames of a confidence are right to 5 degrees, and how many frames have it."""
+def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
+    """How often frames of a confidence are right to 5 degrees, and how many frames have it, by tracker."""
     figure = _figure(6, 5)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)
-    for tracker, colour in zip(scores.trackers, _colours(), strict=False):
-        chosen = scores.posed(tracker)
-        if chosen:
-            r = metrics.reliability(
-                pooled(chosen, lambda s: s.confidence[s.calibrated]),
-                pooled(chosen, lambda s: s.compared.rotation_error_deg[s.calibrated]),
-            )
+    for (tracker, r), colour in zip(diagrams.items(), _colours(), strict=False):
+        if r.count.any():
             above.plot(r.confidence, r.right, color=colour, marker="o", label=tracker)
             below.stairs(r.count, r.edges, color=colour, fill=True, alpha=0.35)
     above.set_ylabel(f"share with an error\nbelow {metrics.RIGHT_DEG:g} degrees")
@@ -181,6 +176,18 @@ def reliability_diagram(scores: Scores) -> Figure:
         _tidy(axis)
     above.legend(frameon=False, loc="upper left")
     return figure
+
+
+def _reliability(scores: Scores) -> dict[str, metrics.Reliability]:
+    """The reliability of every tracker, that of nothing where it has no poses."""
+    diagrams = {}
+    for tracker in scores.trackers:
+        frames = [
+            (s.confidence[s.calibrated], s.compared.rotation_error_deg[s.calibrated]) for s in scores.posed(tracker)
+        ]
+        confidence, error_deg = np.hstack(frames) if frames else np.empty((2, 0))
+        diagrams[tracker] = metrics.reliability(confidence, error_deg)
+    return diagrams
 
 
 def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
