@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mien.candide.model import Candide
-from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, exp, log
+from mien.geometry.camera import Camera, back_project
+from mien.geometry.rotation import FACING, exp, log, similarity
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mediapipe") is None, reason="the extra `auto` is not installed"
@@ -18,8 +18,6 @@ CAMERA = Camera(500, 160, 120)
 
 
 def test_back_projection_keeps_the_pixels_and_the_depths() -> None:
-    from mien.baselines.mediapipe import back_project
-
     points = np.array([[160.0, 120.0, 0.0], [210.0, 70.0, 25.0]])
     X = back_project(points, CAMERA)
     np.testing.assert_allclose(X[0], [0, 0, 500])
@@ -28,8 +26,6 @@ def test_back_projection_keeps_the_pixels_and_the_depths() -> None:
 
 
 def test_similarity_is_recovered() -> None:
-    from mien.baselines.mediapipe import similarity
-
     rng = np.random.default_rng(7)
     source = rng.normal(size=(12, 3))
     R, t = exp(np.array([0.3, -0.8, 2.0])), np.array([1.0, -2.0, 3.0])

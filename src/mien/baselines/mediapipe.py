@@ -13,8 +13,8 @@ import numpy as np
 
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import MienError
-from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, exp, log
+from mien.geometry.camera import Camera, back_project
+from mien.geometry.rotation import Array, exp, log, similarity
 from mien.initialization.detector import import_face_mesh, read_faces, silenced
 from mien.initialization.landmarks import Landmarks, rows_by_name, rows_of_scheme
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
@@ -85,30 +85,6 @@ class MediaPipeTracker:
         """(478, 3) pixels, the third the depth relative to the head's centre; None without a face."""
         faces = read_faces(self._mesh, frame.pixels)
         return faces[0] if faces else None
-
-
-def back_project(points: Array, camera: Camera) -> Array:
-    """Pixels with relative depths in pixels -> camera axes, the head's centre at a distance of the focal
-    length.
-
-    (n, 3) -> (n, 3); at that distance a pixel is a unit of length.
-    """
-    z = camera.focal_px + points[:, 2]
-    x = (points[:, 0] - camera.cx) * z / camera.focal_px
-    y = (points[:, 1] - camera.cy) * z / camera.focal_px
-    return np.column_stack([x, y, z])
-
-
-def similarity(source: Array, target: Array) -> tuple[float, Array, Array]:
-    """s, R (3, 3), t (3,) with the least squares of `target - (s R source + t)`; (n, 3), (n, 3). Umeyama
-    1991.
-    """
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    R = U @ D @ Vt
-    scale = float((S * np.diag(D)).sum() / (a**2).sum())
-    return scale, R, target.mean(axis=0) - scale * R @ source.mean(axis=0)
 
 
 def solve_pnp(shape: Array, pixels: Array, camera: Camera, R: Array, t: Array) -> tuple[Array, Array]:

@@ -76,4 +76,16 @@ class Camera:
         return J
 
 
+def back_project(points: Array, camera: Camera) -> Array:
+    """Pixels with relative depths in pixels -> camera axes, the head's centre at a distance of the focal
+    length.
+
+    (n, 3) -> (n, 3); at that distance a pixel is a unit of length.
+    """
+    z = camera.focal_px + points[:, 2]
+    x = (points[:, 0] - camera.cx) * z / camera.focal_px
+    y = (points[:, 1] - camera.cy) * z / camera.focal_px
+    return np.column_stack([x, y, z])
+
+
 NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]

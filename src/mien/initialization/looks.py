@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
+from mien.geometry.camera import Camera, back_project
+from mien.geometry.rotation import Array, similarity
+from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
 
 PER_DEGREE, PER_UPPER, PER_LOWER = 1 / 50, 20.0, 3.5
@@ -33,18 +34,16 @@ def expected_errors(looks: Sequence[Landmarks], camera: Camera, R: Array, t: Arr
     moves, typical = _typical(points)
     moved = np.array([_moved(p, move) for p, move in zip(points, moves, strict=True)])
     apart = np.linalg.norm(((moved - typical) @ R)[:, :, :2], axis=2)  # across the face, not in depth
-    # Each look's rotation from the first one's, and so where the face looks there.
-    towards = np.array([A.T @ moves[0][1] @ R[:, 2] for _, A in moves])
-    turned_deg = np.degrees(np.arccos(np.clip(-towards @ t / np.linalg.norm(t), -1, 1)))
+    first = moves[0][1] @ R
+    turned = np.array([turned_deg(A.T @ first, t) for _, A in moves])
     upper, lower = (np.sqrt((apart[:, part] ** 2).mean(axis=1)) for part in (_UPPER, _LOWER))
-    return np.asarray(1 + PER_DEGREE * turned_deg + PER_UPPER * upper + PER_LOWER * lower)
+    return np.asarray(1 + PER_DEGREE * turned + PER_UPPER * upper + PER_LOWER * lower)
 
 
 def _points(look: Landmarks, camera: Camera) -> Array:
-    """Points (m, 3) in camera axes, in pixels at the distance of the face, which is then the focal length."""
+    """Points (m, 3) in camera axes, as `back_project` puts them there."""
     assert look.depths is not None, "looks are the detector's, and have depths"
-    nearer = 1 + look.depths / camera.focal_px
-    points = np.column_stack([(look.points - [camera.cx, camera.cy]) * nearer[:, None], look.depths])
+    points = back_project(np.column_stack([look.points, look.depths]), camera)
     rows = rows_by_name(look.scheme)
     return np.array([points[rows[name]].mean(axis=0) for name in _NAMES])
 
@@ -56,7 +55,7 @@ def _typical(looks: Sequence[Array], iterations: int = 5) -> tuple[list[tuple[fl
     outer = [_NAMES.index(f"{side}_eye_outer_corner") for side in ("left", "right")]
     for _ in range(iterations):
         typical = typical / np.linalg.norm(typical[outer[0]] - typical[outer[1]])
-        moves = [_similarity(look, typical) for look in looks]
+        moves = [similarity(look[_BONE], typical[_BONE])[:2] for look in looks]
         typical = np.median([_moved(look, move) for look, move in zip(looks, moves, strict=True)], axis=0)
     return moves, typical
 
@@ -65,11 +64,3 @@ def _moved(points: Array, move: tuple[float, Array]) -> Array:
     """Points (m, 3) about the centre of their bone, scaled and turned."""
     scale, A = move
     return np.asarray(scale * (points - points[_BONE].mean(axis=0)) @ A.T)
-
-
-def _similarity(points: Array, onto: Array) -> tuple[float, Array]:
-    """Scale and rotation (3, 3) of the bone of (m, 3) points, about its centre, onto others (Umeyama 1991)."""
-    a, b = (p[_BONE] - p[_BONE].mean(axis=0) for p in (points, onto))
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    mirror = np.array([1, 1, np.sign(np.linalg.det(U @ Vt))])
-    return float((S * mirror).sum() / (a**2).sum()), np.asarray((U * mirror) @ Vt)
