@@ -143,7 +143,7 @@ def find_face(frames: Iterable[Frame], name: str, without_face: Callable[[Frame]
         )
     first, faces = found
     if len(times) > 1:
-        warn(f"{name}: a face is first found at {first.time:.2f} s, where tracking begins")
+        warn(f"{name}: a face is first found at {first.time:.2f} s")
     if len(faces) > 1:
         warn(f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked")
     return first, replace(faces[0], source=f"{name}, detected face")

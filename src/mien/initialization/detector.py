@@ -148,11 +148,12 @@ def read_faces(mesh: Any, pixels: Any) -> list[Array]:
 def _face_mesh(faces: int) -> Iterator[Any]:
     with silenced():
         try:
-            mesh = import_face_mesh()(
-                static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
-            )
+            face_mesh = import_face_mesh()
         except ImportError as e:
             raise MienError(NO_DETECTOR) from e
+        mesh = face_mesh(
+            static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
+        )
         try:
             yield mesh
         finally:
