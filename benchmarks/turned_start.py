@@ -17,12 +17,13 @@ from pathlib import Path
 import numpy as np
 from ablation import KINDS as SEQUENCE_KINDS
 from ablation import Run, prepare, print_tables, score, scored
+from recordings import apart_deg
 
 from mien import pipeline, start
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
-from mien.geometry.rotation import Array, angle_between
+from mien.geometry.rotation import Array
 from mien.initialization.detector import detect
 from mien.tracking.realtime import RealtimeTracker
 from mien.video import Frame
@@ -90,10 +91,8 @@ def aligned_deg(score: Score) -> Array:
     assert truth is not None
     assert truth.rotations is not None
     assert track is not None
-    known = np.isfinite(track.rotation).all(axis=(1, 2))
-    D = np.swapaxes(truth.rotations[known], 1, 2) @ track.rotation[known]
-    U, _, Vt = np.linalg.svd(D.mean(axis=0))
-    return np.degrees(angle_between(D, U @ Vt))
+    apart = apart_deg(truth.rotations, track.rotation)
+    return apart[np.isfinite(apart)]
 
 
 def errors(scores: Sequence[Score]) -> Iterator[str]:
