@@ -172,8 +172,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "no loss, no recovery": _set(least_share=0),
     "angles of patches believed entirely": _set(appearance_angle_sd_deg=0.01),
     "angles of patches ignored": _set(appearance_angle_sd_deg=1000),
-    "with Eq. (7), alpha 0.005": _set(forgetting=0.005),
-    "with Eq. (7), alpha 0.03": _set(forgetting=0.03),
+    "eyes that look strange not adapted": _set(forgetting=0),
 }
 
 

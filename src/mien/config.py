@@ -103,7 +103,7 @@ class RealtimeSettings(Settings):
     rest_jaw: float = Field(1.0, gt=0, description="the same of jaw_drop, which opens far")
     rest_firmness: float = Field(22.0, ge=0, description="by how much, at rest, an animation's inverse variance grows")
     rest_within: float = Field(0.04, gt=0, description="animation at which half of that is left")
-    rest_turn_deg: float = Field(18.0, gt=0, description="turn of the head at which these variances are halved")
+    rest_turn_deg: float = Field(14.0, gt=0, description="turn of the head at which these variances are halved")
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     learn_shape: bool = True
     relief_sd: float = Field(0.12, ge=0, description="relative standard deviation of the depth of the whole face")
@@ -120,4 +120,6 @@ class RealtimeSettings(Settings):
     least_novelty: float = Field(0.05, ge=0, description="share below which a frame no longer teaches the shape")
     expression_sd: float = Field(0.2, gt=0, description="animation at which a frame teaches half as much of the shape")
     shape_bin_deg: float = Field(5.0, gt=0, description="poses this near repeat each other's errors")
-    forgetting: float = Field(0.0, ge=0, lt=1, description="alpha of Eq. (7)")
+    forgetting: float = Field(0.1, ge=0, lt=1, description="alpha of Eq. (7), for eyes that look strange")
+    strange_distance: float = Field(4.0, ge=0, description="distance over the expected one from which they do")
+    adaptation_turn_deg: float = Field(5.0, gt=0, description="turn at which half of that is learned")

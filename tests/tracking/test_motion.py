@@ -73,6 +73,22 @@ def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_f
     assert _error_deg(tracker, found) < 0.6
 
 
+def test_patches_agree_that_have_long_been_the_same(tracker: RealtimeTracker) -> None:
+    """Two seconds of the same picture, then one of noise: what came before the face has to stay as long again."""
+    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
+    person, weight = (tracker.neutral, tracker.units), np.ones(len(tracker.neutral))
+    noise = np.random.default_rng(0).normal(128, 40, view.image.shape).astype(np.float32)
+    motion = Motion(tracker.face.patches, tracker.settings)
+    for _ in range(60):
+        motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
+    assert motion.agreement.min() > 0.9
+    motion.remember(noise, person, tracker.pose.arrays, view.geometry, weight)
+    assert motion.agreement.max() < 0.7
+    for _ in range(20):
+        motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
+    assert motion.agreement.max() < 0.9
+
+
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
     person, prior = (tracker.neutral, tracker.units), tracker._prior(tracker._stay())

@@ -30,12 +30,17 @@ _RIGID = 6
 """Numbers of a pose step that turn and move the head, before those of the animation."""
 _OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
 """Weight above which a landmark is the face's, and how many such landmarks say that it is the same as before."""
+_AGREEMENT_RATE = 0.05
+"""How fast a patch's agreement rises, by frame: one that was covered has to move with the face for two seconds."""
 _LEAST_GREY = 1.0
 """Grey values: patches that agree better than this agree by chance."""
 
 
 class Motion:
-    """The patches around the landmarks as the last frame showed them."""
+    """The patches around the landmarks as the last frame showed them.
+
+    agreement: (n,) correlation of each patch from frame to frame, the mean of the last ones or the last one, if lower.
+    """
 
     def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
         """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
@@ -43,6 +48,7 @@ class Motion:
         self.patches = patches
         self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
+        self.agreement = np.zeros(len(patches))
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
@@ -57,10 +63,14 @@ class Motion:
         before, face = self.template, self.weight > _OF_THE_FACE
         self.template = take_patches(image, person, self.patches, pose, view)
         self.weight = weight
-        if before is None or face.sum() < _LEAST_PATCHES:
+        if before is None:
             return 0.0
         (old, old_norms), (new, new_norms) = before[:2], self.template[:2]
         correlation = (old * new).sum(axis=1) / np.maximum(old_norms * new_norms, 1e-6)
+        self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
+        np.minimum(self.agreement, correlation, out=self.agreement)
+        if face.sum() < _LEAST_PATCHES:
+            return 0.0
         ordered = np.sort(correlation[face])  # their median, at a tenth of the time of np.median
         return float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
 

@@ -14,10 +14,11 @@ from mien.appearance.views import CENTRE, roll_of
 from mien.candide.model import Candide
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, ray_rotation
+from mien.geometry.rotation import Array, ray_rotation
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
+from mien.tracking.adaptation import Adaptation
 from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level, learn_face
 from mien.tracking.motion import JAW_DROP, Motion
@@ -49,6 +50,8 @@ _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
 _TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
+_SAME_PATCH = 0.9
+"""Agreement above which a patch has moved with the face."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 
 
@@ -82,12 +85,13 @@ class RealtimeTracker:
             self.face = learn_face(frame, landmarks, self.fit, camera, vertices, s)
         self.units = np.ascontiguousarray(self.fit.model.animation_units[:, vertices])
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
-        eyes = np.array(["eye" in name or "brow" in name for name in TRACKED])
+        brows = np.array(["brow" in name for name in TRACKED])
+        self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
         self.shape = deepcopy(self.known_shape) or ShapePosterior(
-            self.face.neutral, self.face.normals, eyes, self.fit.R, self.fit.t, s
+            self.face.neutral, self.face.normals, self.eyes | brows, self.fit.R, self.fit.t, s
         )
         self.neutral = self.shape.mean
-        self.adapted = np.zeros((n, 128), np.float32)
+        self.adaptation = Adaptation(n, self.pose.angles, s)
         self.expected = np.full(n, s.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
         self.tolerance = np.full(n, s.robust_factor)
@@ -300,13 +304,14 @@ class RealtimeTracker:
 
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
-        appearance = view.level.appearance
+        appearance, adaptation = view.level.appearance, self.adaptation
+        adapted = adaptation.offset(view.pose.angles) if view.level is self.face.fine else adaptation.nothing
         return PosePosterior(
             maps=view.maps,
             cell=view.level.descriptor.cell,
             root=view.level.descriptor.root,
             person=(self.neutral, self.units),
-            appearance=(appearance.coefficients, self.adapted, appearance.U, appearance.gain,
+            appearance=(appearance.coefficients, adapted, appearance.U, appearance.gain,
                         appearance.inverse_floor, appearance.limit, self._misplaced(view.level)),
             active=view.facing.astype(np.float64),
             scale=self.tolerance * self.expected,
@@ -325,19 +330,19 @@ class RealtimeTracker:
 
     def _learn(self, solution: Solution) -> None:
         s = self.settings
-        R, t = self.pose.R, self.pose.t
         w, facing = solution.w, solution.facing
         trusted = facing & (w > _TRUSTED)
         self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         np.maximum(self.expected, s.least_distance, out=self.expected)
         self._weigh(solution)
-        tilt, pan, _ = kernels.view_angles(ray_rotation(R @ CENTRE + t).T @ R @ FACING)
-        if s.forgetting:
+        tilt, pan = angles = self.pose.angles
+        moved_along = self.eyes & (self.motion.agreement > _SAME_PATCH)
+        strange = facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
+        if strange.any():
             appearance = self.face.fine.appearance
             mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0])
-            rate = (s.forgetting * w * facing)[:, None].astype(np.float32)
-            self.adapted += rate * (solution.y - mean - self.adapted)  # Eq. (7), about the mean of this pose
+            self.adaptation.learn(angles, solution.y - mean - self.adaptation.offset(angles), strange)
         if s.learn_shape:
             expression = self.pose.animation - self.fit.animation
             worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
@@ -346,7 +351,7 @@ class RealtimeTracker:
                 return
             regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
             Lambda, gradient = shape_information(
-                solution.B, solution.M, solution.g, novelty * w, R, regularizer
+                solution.B, solution.M, solution.g, novelty * w, self.pose.R, regularizer
             )  # fmt: skip
             self.neutral = self.shape.add(self.neutral, Lambda, gradient)
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from mien.appearance.crop import Crop
 from mien.appearance.descriptors import Float32, orientation_maps
-from mien.geometry.rotation import Array
+from mien.appearance.views import CENTRE
+from mien.geometry.rotation import FACING, Array, ray_rotation
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking import kernels
 from mien.tracking.learning import Level
@@ -34,6 +35,12 @@ class Pose:
     def arrays(self) -> tuple[Array, Array, Array]:
         """R, t and animation as the kernels take them."""
         return np.ascontiguousarray(self.R), self.t, self.animation
+
+    @cached_property
+    def angles(self) -> Array:
+        """(2,) tilt and pan in radians, as the camera sees them: of `kernels.view_angles`."""
+        tilt, pan, _ = kernels.view_angles(ray_rotation(self.R @ CENTRE + self.t).T @ self.R @ FACING)
+        return np.array([tilt, pan])
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""

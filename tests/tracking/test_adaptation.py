@@ -1,0 +1,117 @@
+"""Adaptation by hand, and on a rendered face with reflections on its eyes, or before which a board passes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import Array
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
+from mien.synthetic import SyntheticSequence, make_sequence, moved
+from mien.tracking.adaptation import Adaptation
+from mien.tracking.realtime import TRACKED, RealtimeTracker
+from small_motion import face, run, turn_error_deg
+
+FIRST = np.array([0.1, -0.2])
+EYES = [i for i, name in enumerate(LANDMARK_NAMES) if "eye" in name and "brow" not in name]
+OTHERS = np.setdiff1d(np.arange(len(TRACKED)), EYES)
+FRAMES = 160
+RUN_PX = 30.0
+
+
+def _adaptation(n: int = 2, **settings: float) -> Adaptation:
+    return Adaptation(n, FIRST, RealtimeSettings().model_copy(update=settings))
+
+
+def test_a_step_by_hand() -> None:
+    """At the turn at which half is learned, half of alpha times the residual is added there."""
+    adaptation = _adaptation(forgetting=0.2, adaptation_turn_deg=10.0)
+    residual = np.random.default_rng(0).normal(size=(2, 128)).astype(np.float32)
+    angles = FIRST + np.radians([0, 10.0])
+    adaptation.learn(angles, residual, np.array([True, False]))
+    np.testing.assert_allclose(adaptation.offset(angles)[0], 0.5 * 0.2 * residual[0], rtol=1e-4)
+    np.testing.assert_allclose(adaptation.offset(FIRST - np.radians([0, 10.0]))[0], -0.5 * 0.2 * residual[0], rtol=1e-4)
+    assert not adaptation.offset(angles)[1].any()
+
+
+def test_what_grows_with_the_turn_is_learned_and_nothing_in_the_first_view() -> None:
+    rng = np.random.default_rng(1)
+    truth = rng.normal(size=(2, 2, 128))
+    adaptation = _adaptation()
+    for _ in range(400):
+        turn = rng.uniform(-0.5, 0.5, 2)
+        residual = np.einsum("a,ank->nk", turn, truth) - adaptation.offset(FIRST + turn)
+        adaptation.learn(FIRST + turn, residual.astype(np.float32), np.array([True, True]))
+    turn = np.array([0.3, -0.4])
+    np.testing.assert_allclose(adaptation.offset(FIRST + turn), np.einsum("a,ank->nk", turn, truth), atol=0.01)
+    assert not adaptation.offset(FIRST).any()
+
+
+@cache
+def _turning() -> SyntheticSequence:
+    """The face turning from side to side, by up to 20 degrees."""
+    angles = np.zeros((FRAMES, 3))
+    angles[:, 1] = 20 * np.sin(np.arange(FRAMES) / 12)
+    still = np.zeros((FRAMES, 3))
+    return make_sequence(face(), moved(face(), angles, still, np.zeros((FRAMES, 6))), noise_sd=1)
+
+
+@cache
+def _with_reflections() -> SyntheticSequence:
+    """The same, with a bright spot on each eye, which runs over it as the head turns."""
+    sequence, fit = _turning(), face().fit
+    vertices = fit.vertices()[list(LANDMARK_VERTICES.values())]
+    sides = ([i for i in EYES if side in LANDMARK_NAMES[i]] for side in ("right", "left"))
+    centres = np.array([vertices[side].mean(axis=0) for side in sides])
+    frames = []
+    for frame, R, t in zip(sequence.frames, sequence.R, sequence.t, strict=True):
+        spots = np.zeros(frame.pixels.shape[:2], np.float32)
+        for x, y in face().camera.project(centres @ R.T + t)[0] - RUN_PX * (R @ fit.R.T)[:2, 2]:
+            cv2.ellipse(spots, (round(8 * x), round(8 * y)), (8 * 8, 8 * 5), -30, 0, 360, 1, -1, cv2.LINE_AA, 3)
+        pixels = frame.pixels + 90 * cv2.GaussianBlur(spots, (0, 0), 1)[:, :, None]
+        frames.append(replace(frame, pixels=np.clip(pixels, 0, 255).astype(np.uint8)))
+    return replace(sequence, frames=tuple(frames))
+
+
+def _run(sequence: SyntheticSequence, **settings: float) -> tuple[RealtimeTracker, Array, Array]:
+    """A tracker after a sequence, the errors of its rotations, and which of the eyes' landmarks were seen."""
+    tracker = RealtimeTracker(RealtimeSettings().model_copy(update=settings))
+    estimates = run(tracker, sequence)
+    seen = np.array([e.landmarks.visibility[EYES] for e in estimates if e.landmarks is not None])
+    return tracker, turn_error_deg(estimates, sequence), seen
+
+
+def test_eyes_behind_reflections_are_seen_again() -> None:
+    """After half of the turns; without it a third of them is hidden there, or looks strange."""
+    _, error, seen = _run(_with_reflections())
+    _, error_without, seen_without = _run(_with_reflections(), forgetting=0)
+    later = slice(FRAMES // 2, None)
+    assert seen_without[later].mean() < 0.75
+    assert seen[later].mean() > 0.9
+    assert error[later].mean() < 1.15 * error_without[later].mean()
+
+
+def test_a_face_that_looks_as_it_should_is_left_alone() -> None:
+    tracker, error, _ = _run(_turning())
+    _, error_without, _ = _run(_turning(), forgetting=0)
+    assert not tracker.adaptation.slope.reshape(2, -1, 128)[:, OTHERS].any()
+    assert error.mean() == pytest.approx(error_without.mean(), abs=0.05)
+
+
+def test_what_passes_before_the_face_is_not_learned() -> None:
+    """A board that crosses it while it turns."""
+    frames = list(_turning().frames)
+    for i in range(60, 84):
+        pixels = frames[i].pixels.copy()
+        left = 40 + 9 * (i - 60)
+        pixels[:, left : left + 25] = np.random.default_rng(2).integers(0, 255, (240, 1, 1))
+        frames[i] = replace(frames[i], pixels=pixels)
+    tracker, error, _ = _run(replace(_turning(), frames=tuple(frames)))
+    as_it_is, _, _ = _run(_turning())
+    assert np.abs(tracker.adaptation.slope).max() <= np.abs(as_it_is.adaptation.slope).max() + 1e-6
+    assert error[90:].mean() < 0.5
