@@ -30,6 +30,7 @@ class Adaptation:
         self.settings = settings
         self.slope = np.zeros((2, n * _ENTRIES), np.float32)  # by tilt and by pan
         self.nothing = np.zeros((n, _ENTRIES), np.float32)
+        self.begun = False
 
     def offset(self, angles: Array) -> Float32:
         """(n, 128) at a tilt and pan (2,)."""
@@ -39,6 +40,7 @@ class Adaptation:
     def learn(self, angles: Array, residual: Float32, strange: NDArray[np.bool_]) -> None:
         """Eq. (7) at a tilt and pan (2,), for landmarks that are `strange` (n,): residual (n, 128) is what was seen
         less the mean with its offset. The step is that of the normalised least mean squares."""
+        self.begun = True
         turn = angles - self.first
         near = math.radians(self.settings.adaptation_turn_deg)
         rate = self.settings.forgetting * turn / (turn @ turn + near * near)

@@ -305,7 +305,9 @@ class RealtimeTracker:
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
         appearance, adaptation = view.level.appearance, self.adaptation
-        adapted = adaptation.offset(view.pose.angles) if view.level is self.face.fine else adaptation.nothing
+        adapted = adaptation.nothing
+        if adaptation.begun and view.level is self.face.fine:
+            adapted = adaptation.offset(view.pose.angles)
         return PosePosterior(
             maps=view.maps,
             cell=view.level.descriptor.cell,
