@@ -31,7 +31,7 @@ _RIGID = 6
 _OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
 """Weight above which a landmark is the face's, and how many such landmarks say that it is the same as before."""
 _AGREEMENT_RATE = 0.05
-"""How fast a patch's agreement rises, by frame: one that was covered has to move with the face for two seconds."""
+"""How fast a patch's agreement rises, by frame: one that was covered has to move with the face for 45 of them."""
 _LEAST_GREY = 1.0
 """Grey values: patches that agree better than this agree by chance."""
 
