@@ -31,7 +31,7 @@ def _adaptation(n: int = 2, **settings: float) -> Adaptation:
 def test_a_step_by_hand() -> None:
     """At the turn at which half is learned, half of alpha times the residual is added there."""
     adaptation = _adaptation(forgetting=0.2, adaptation_turn_deg=10.0)
-    residual = np.random.default_rng(0).normal(size=(2, 128)).astype(np.float32)
+    residual = np.random.default_rng(0).normal(size=(1, 128)).astype(np.float32)
     angles = FIRST + np.radians([0, 10.0])
     adaptation.learn(angles, residual, np.array([True, False]))
     np.testing.assert_allclose(adaptation.offset(angles)[0], 0.5 * 0.2 * residual[0], rtol=1e-4)

@@ -38,11 +38,11 @@ class Adaptation:
         return np.asarray((turn @ self.slope).reshape(self.nothing.shape))
 
     def learn(self, angles: Array, residual: Float32, strange: NDArray[np.bool_]) -> None:
-        """Eq. (7) at a tilt and pan (2,), for landmarks that are `strange` (n,): residual (n, 128) is what was seen
-        less the mean with its offset. The step is that of the normalised least mean squares."""
+        """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is what was
+        seen of them less the mean with its offset. The step is that of the normalised least mean squares."""
         self.begun = True
         turn = angles - self.first
         near = math.radians(self.settings.adaptation_turn_deg)
         rate = self.settings.forgetting * turn / (turn @ turn + near * near)
-        for slope, by_angle in zip(self.slope.reshape(2, *residual.shape), rate.astype(np.float32), strict=True):
-            slope[strange] += by_angle * residual[strange]
+        for slope, by_angle in zip(self.slope.reshape(2, *self.nothing.shape), rate.astype(np.float32), strict=True):
+            slope[strange] += by_angle * residual

@@ -36,11 +36,13 @@ in each view, the mean would be as random."""
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of the appearance: how the crop is made, and what its descriptors look like by pose."""
+    """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what closed
+    eyes add to them (n, 128)."""
 
     descriptor: DescriptorSettings
     size: int
     appearance: PoseRegression
+    closed: Float32
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""
@@ -127,7 +129,7 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     appearance = PoseRegression.learn(
         np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
     )
-    return Level(d, size, appearance)
+    return Level(d, size, appearance, np.mean(blinks[:: len(closed)], axis=0))
 
 
 def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from mien.appearance.crop import is_blank
+from mien.appearance.descriptors import Float32
 from mien.appearance.views import CENTRE, roll_of
 from mien.candide.model import Candide
 from mien.config import RealtimeSettings
@@ -19,6 +20,7 @@ from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.adaptation import Adaptation
+from mien.tracking.eyelids import closing
 from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level, learn_face
 from mien.tracking.motion import JAW_DROP, Motion
@@ -27,7 +29,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Prediction, Solution, View
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
     RECOGNITION_RATE,
     SAME_CORRELATION,
@@ -188,7 +190,7 @@ class RealtimeTracker:
     def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""
         s = self.settings
-        predicted = Prediction(self.pose.moved(s.velocity * self.velocity), self.information)
+        predicted = self._predicted()
         view = self._look(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._move(view, predicted)
         view, best = self._fine(frame, moved, view=view)
@@ -202,6 +204,7 @@ class RealtimeTracker:
                 if fine.energy < best.energy:
                     view, best = again, fine
             moved = predicted
+        view, best, moved = self._blink(view, best, moved)
         best = self._open_mouth(view, best, moved)
         return view, best if self.lost_frames else self._hold(predicted.pose, best)
 
@@ -234,6 +237,26 @@ class RealtimeTracker:
         seen = solution.facing * np.minimum(solution.w / _TRUSTED, 1)
         return self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
 
+    def _blink(self, view: View, best: Solution, predicted: Prediction) -> tuple[View, Solution, Prediction]:
+        """Where the eyes are closing, what the rest of the face says, with the distances that the eyes had."""
+        s, eyes = self.settings, self.eyes
+        if self.lost_frames or best.misfit(self.expected) > s.retry_distance:
+            return view, best, predicted
+        if not closing(self._residual(best, eyes), self.face.fine.closed[eyes], best.facing[eyes], s.closing_share):
+            return view, best, predicted
+        self.motion.weight[eyes] = 0
+        view = replace(view, believed=view.facing & ~eyes)
+        moved = self._move(view, self._predicted())
+        found = self._solve(view, moved.pose, moved)
+        return view, replace(found, d2=np.where(view.believed, found.d2, best.d2)), moved
+
+    def _residual(self, solution: Solution, landmarks: Mask) -> Float32:
+        """(k, 128): what was seen of k landmarks at full resolution less the mean that was expected there."""
+        tilt, pan = angles = solution.pose.angles
+        appearance = self.face.fine.appearance
+        mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0], landmarks)
+        return np.asarray(solution.y[landmarks] - mean - self.adaptation.offset(angles)[landmarks])
+
     def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw moves further in a frame than its patches reach: where they do not fit, try it elsewhere."""
         s = self.settings
@@ -246,6 +269,10 @@ class RealtimeTracker:
                 candidate = self._solve(view, replace(best.pose, animation=animation), predicted)
                 best = min(best, candidate, key=lambda solution: solution.energy)
         return best
+
+    def _predicted(self) -> Prediction:
+        """The prediction that the motion goes on."""
+        return Prediction(self.pose.moved(self.settings.velocity * self.velocity), self.information)
 
     def _stay(self) -> Prediction:
         """The prediction that nothing moves."""
@@ -281,7 +308,8 @@ class RealtimeTracker:
             self._posed(pose), self.face.normals, pose.arrays[0], self.camera_vector, frame.width, frame.height,
             self.settings.hidden_cosine,
         )  # fmt: skip
-        return View(level, pose, crop, image, geometry, facing & (not is_blank(image)))
+        facing &= not is_blank(image)
+        return View(level, pose, crop, image, geometry, facing, facing)
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""
@@ -315,7 +343,7 @@ class RealtimeTracker:
             person=(self.neutral, self.units),
             appearance=(appearance.coefficients, adapted, appearance.U, appearance.gain,
                         appearance.inverse_floor, appearance.limit, self._misplaced(view.level)),
-            active=view.facing.astype(np.float64),
+            active=view.believed.astype(np.float64),
             scale=self.tolerance * self.expected,
             prior=self._prior(predicted),
             view=view.geometry,
@@ -342,9 +370,7 @@ class RealtimeTracker:
         moved_along = self.eyes & (self.motion.agreement > _SAME_PATCH)
         strange = facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
         if strange.any():
-            appearance = self.face.fine.appearance
-            mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0])
-            self.adaptation.learn(angles, solution.y - mean - self.adaptation.offset(angles), strange)
+            self.adaptation.learn(angles, self._residual(solution, strange), strange)
         if s.learn_shape:
             expression = self.pose.animation - self.fit.animation
             worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
