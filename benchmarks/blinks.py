@@ -1,0 +1,95 @@
+"""Real recordings: how far a blink nods the head, for the real-time tracker, noticing it or not, and for MediaPipe.
+
+`OMP_NUM_THREADS=1 python benchmarks/blinks.py PATH`, with PATH a folder of videos. Blinks are found by the opening of
+the eyes over their width in MediaPipe's landmarks (T. Soukupova and J. Cech, Real-time eye blink detection using facial
+landmarks, CVWW 2016): both eyes together below 0.6 of what is usual, for ten frames at most. A head hardly moves in
+that time, so the rotation in a blink is compared with that between four frames before it and three after.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from itertools import groupby, takewhile
+from pathlib import Path
+
+import numpy as np
+from recordings import rotations
+
+import mien
+from mien.config import RealtimeSettings
+from mien.errors import MienWarning
+from mien.geometry.rotation import Array, exp, log
+from mien.initialization.detector import first_with_a_face, follow
+from mien.tracking.realtime import RealtimeTracker
+from mien.video import open_video
+
+LIDS, CORNERS = ((159, 145), (386, 374)), ((33, 133), (362, 263))
+"""MediaPipe's points in the middle of the lids, and at the corners, of the right and of the left eye."""
+USUAL_FRAMES, CLOSED, LONGEST = 20, 0.6, 10
+BEFORE, AFTER = 4, 3
+TRACKERS = {"realtime": "realtime", "without noticing": "__main__:Unaware", "MediaPipe": "mediapipe"}
+
+
+class Unaware(RealtimeTracker):
+    """The real-time tracker, to which no eye is closed enough."""
+
+    def __init__(self) -> None:
+        super().__init__(RealtimeSettings(closing_share=1e6))
+
+
+def openings(path: Path, seconds: float) -> dict[int, float]:
+    """By frame: the mean opening of both eyes over their width, where there is a face."""
+    frames = takewhile(lambda frame: frame.time <= seconds, open_video(path))
+    found = first_with_a_face(frames)
+    if found is None:
+        return {}
+
+    def apart(points: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
+        return np.array([np.linalg.norm(points[a] - points[b]) for a, b in pairs])
+
+    return {
+        frame.index: float((apart(face.points, LIDS) / apart(face.points, CORNERS)).mean())
+        for frame, face in follow(found[1][0], frames)
+    }
+
+
+def blinks(opening: dict[int, float]) -> list[tuple[int, int]]:
+    """First and last frame of each blink."""
+    frames, values = np.array(list(opening)), np.array(list(opening.values()))
+    usual = [np.percentile(values[max(i - USUAL_FRAMES, 0) : i + USUAL_FRAMES + 1], 80) for i in range(len(values))]
+    runs = (list(run) for shut, run in groupby(range(len(frames)), lambda i: values[i] < CLOSED * usual[i]) if shut)
+    return [(int(frames[run[0]]), int(frames[run[-1]])) for run in runs if len(run) <= LONGEST]
+
+
+def nods_deg(R: Array, blinks: list[tuple[int, int]]) -> Array:
+    """Rotation vectors (k, 3) in degrees, about the head's axes, between R (n, 3, 3) in frames of blinks and the
+    rotation that goes evenly from before each to after it."""
+    out = []
+    for first, last in blinks:
+        begin, end = first - BEFORE, last + AFTER
+        if begin >= 0 and end < len(R) and np.isfinite(R[begin : end + 1]).all():
+            turn = log(R[begin].T @ R[end])
+            evenly = (R[begin] @ exp(turn * (i - begin) / (end - begin)) for i in range(first, last + 1))
+            out += [log(there.T @ here) for there, here in zip(evenly, R[first : last + 1], strict=True)]
+    return np.degrees(np.reshape(out, (-1, 3)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", MienWarning)
+    columns = ("recording", "blinks", "frames", *(f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS")))
+    print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
+    for path in sorted(p for p in arguments.path.iterdir() if p.suffix in (".mp4", ".webm", ".avi", ".mov")):
+        found = blinks(openings(path, arguments.seconds))
+        tracks = (mien.track(path, preset=preset, end=arguments.seconds) for preset in TRACKERS.values())
+        nods = [nods_deg(rotations(track), found) for track in tracks]
+        cells = [f"{value:.2f}" for nod in nods for value in (nod[:, 0].mean(), np.sqrt((nod**2).sum(axis=1).mean()))]
+        print(f"| {' | '.join((path.stem, str(len(found)), str(len(nods[0])), *cells))} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
