@@ -87,6 +87,8 @@ def main() -> None:
         found = blinks(openings(path, arguments.seconds))
         tracks = (mien.track(path, preset=preset, end=arguments.seconds) for preset in TRACKERS.values())
         nods = [nods_deg(rotations(track), found) for track in tracks]
+        if not len(nods[0]):
+            continue
         cells = [f"{value:.2f}" for nod in nods for value in (nod[:, 0].mean(), np.sqrt((nod**2).sum(axis=1).mean()))]
         print(f"| {' | '.join((path.stem, str(len(found)), str(len(nods[0])), *cells))} |", flush=True)
 
