@@ -238,17 +238,16 @@ class RealtimeTracker:
         return self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
 
     def _blink(self, view: View, best: Solution, predicted: Prediction) -> tuple[View, Solution, Prediction]:
-        """Where the eyes are closing, what the rest of the face says, with the distances that the eyes had."""
+        """Where the eyes are closing, what the rest of the face says: they count as hidden."""
         s, eyes = self.settings, self.eyes
         if self.lost_frames or best.misfit(self.expected) > s.retry_distance:
             return view, best, predicted
         if not closing(self._residual(best, eyes), self.face.fine.closed[eyes], best.facing[eyes], s.closing_share):
             return view, best, predicted
         self.motion.weight[eyes] = 0
-        view = replace(view, believed=view.facing & ~eyes)
+        view = replace(view, facing=view.facing & ~eyes)
         moved = self._move(view, self._predicted())
-        found = self._solve(view, moved.pose, moved)
-        return view, replace(found, d2=np.where(view.believed, found.d2, best.d2)), moved
+        return view, self._solve(view, moved.pose, moved), moved
 
     def _residual(self, solution: Solution, landmarks: Mask) -> Float32:
         """(k, 128): what was seen of k landmarks at full resolution less the mean that was expected there."""
@@ -308,8 +307,7 @@ class RealtimeTracker:
             self._posed(pose), self.face.normals, pose.arrays[0], self.camera_vector, frame.width, frame.height,
             self.settings.hidden_cosine,
         )  # fmt: skip
-        facing &= not is_blank(image)
-        return View(level, pose, crop, image, geometry, facing, facing)
+        return View(level, pose, crop, image, geometry, facing & (not is_blank(image)))
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""
@@ -343,7 +341,7 @@ class RealtimeTracker:
             person=(self.neutral, self.units),
             appearance=(appearance.coefficients, adapted, appearance.U, appearance.gain,
                         appearance.inverse_floor, appearance.limit, self._misplaced(view.level)),
-            active=view.believed.astype(np.float64),
+            active=view.facing.astype(np.float64),
             scale=self.tolerance * self.expected,
             prior=self._prior(predicted),
             view=view.geometry,

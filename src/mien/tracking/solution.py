@@ -59,7 +59,7 @@ class Prediction:
 @dataclass(frozen=True)
 class View:
     """A frame prepared for `kernels.solve`: the grey image of the crop for a pose, its geometry, landmarks that can
-    be seen, and those of them that are believed."""
+    be seen."""
 
     level: Level
     pose: Pose
@@ -67,7 +67,6 @@ class View:
     image: Float32
     geometry: tuple[Array, ...]
     facing: Mask
-    believed: Mask
 
     @cached_property
     def maps(self) -> Float32:
