@@ -8,13 +8,12 @@ that time, so the rotation in a blink is compared with that between four frames 
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from itertools import groupby, takewhile
 from pathlib import Path
 
 import numpy as np
-from recordings import rotations
+from recordings import asked, rotations
 
 import mien
 from mien.config import RealtimeSettings
@@ -76,16 +75,13 @@ def nods_deg(R: Array, blinks: list[tuple[int, int]]) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
-    arguments = parser.parse_args()
+    paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
     columns = ("recording", "blinks", "frames", *(f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS")))
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
-    for path in sorted(p for p in arguments.path.iterdir() if p.suffix in (".mp4", ".webm", ".avi", ".mov")):
-        found = blinks(openings(path, arguments.seconds))
-        tracks = (mien.track(path, preset=preset, end=arguments.seconds) for preset in TRACKERS.values())
+    for path in paths:
+        found = blinks(openings(path, seconds))
+        tracks = (mien.track(path, preset=preset, end=seconds) for preset in TRACKERS.values())
         nods = [nods_deg(rotations(track), found) for track in tracks]
         if not len(nods[0]):
             continue

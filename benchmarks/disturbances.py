@@ -15,6 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from recordings import videos_of
 
 from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
@@ -144,11 +145,7 @@ def main() -> None:
     parser.add_argument("path", type=Path)
     parser.add_argument("--tracker", default="realtime")
     arguments = parser.parse_args()
-    videos = [
-        [frame.pixels for frame in islice(open_video(path), FRAMES)]
-        for path in sorted(arguments.path.iterdir())
-        if path.suffix in (".mp4", ".webm", ".avi")
-    ]
+    videos = [[frame.pixels for frame in islice(open_video(path), FRAMES)] for path in videos_of(arguments.path)]
     clean = [track(arguments.tracker, pixels) for pixels in videos]
     known = [t for t in clean if t is not None]
     assert len(known) == len(videos), "every video begins with a face"

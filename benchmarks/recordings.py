@@ -15,7 +15,22 @@ import numpy as np
 
 import mien
 from mien.errors import MienWarning
+from mien.evaluation.datasets.talking_face import VIDEO_SUFFIXES
 from mien.geometry.rotation import Array, angle_between, matrix_from_euler
+
+
+def videos_of(folder: Path) -> list[Path]:
+    """The videos of a folder, in order."""
+    return sorted(path for path in folder.iterdir() if path.suffix in VIDEO_SUFFIXES)
+
+
+def asked(description: str | None) -> tuple[list[Path], float]:
+    """The videos that the command line names, and how many seconds of each."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
+    arguments = parser.parse_args()
+    return videos_of(arguments.path), arguments.seconds
 
 
 def rotations(track: mien.Track) -> Array:
@@ -48,17 +63,13 @@ def row(path: Path, seconds: float) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
-    arguments = parser.parse_args()
+    paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
     of_each = ("begun at (s)", "mean", "95 %", "lost", "confidence below a half")
     columns = ("recording", "frames", *(f"{name}, {which}" for which in ("at once", "best") for name in of_each))
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
-    for path in sorted(arguments.path.iterdir()):
-        if path.suffix in (".mp4", ".webm", ".avi", ".mov"):
-            print(row(path, arguments.seconds), flush=True)
+    for path in paths:
+        print(row(path, seconds), flush=True)
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_f
 
 
 def test_patches_agree_that_have_long_been_the_same(tracker: RealtimeTracker) -> None:
-    """Two seconds of the same picture, then one of noise: what came before the face has to stay as long again."""
+    """Sixty frames of the same picture, then one of noise: what came before the face has to stay as long again."""
     view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
     person, weight = (tracker.neutral, tracker.units), np.ones(len(tracker.neutral))
     noise = np.random.default_rng(0).normal(128, 40, view.image.shape).astype(np.float32)

@@ -190,7 +190,7 @@ class RealtimeTracker:
     def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""
         s = self.settings
-        predicted = self._predicted()
+        predicted = Prediction(self.pose.moved(s.velocity * self.velocity), self.information)
         view = self._look(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._move(view, predicted)
         view, best = self._fine(frame, moved, view=view)
@@ -204,7 +204,8 @@ class RealtimeTracker:
                 if fine.energy < best.energy:
                     view, best = again, fine
             moved = predicted
-        view, best, moved = self._blink(view, best, moved)
+        if not self.lost_frames and self._blinks(best):
+            view, best, moved = self._without_eyes(view, predicted)
         best = self._open_mouth(view, best, moved)
         return view, best if self.lost_frames else self._hold(predicted.pose, best)
 
@@ -237,16 +238,18 @@ class RealtimeTracker:
         seen = solution.facing * np.minimum(solution.w / _TRUSTED, 1)
         return self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
 
-    def _blink(self, view: View, best: Solution, predicted: Prediction) -> tuple[View, Solution, Prediction]:
-        """Where the eyes are closing, what the rest of the face says: they count as hidden."""
+    def _blinks(self, found: Solution) -> bool:
+        """Whether this is the face, and its eyes are closing."""
         s, eyes = self.settings, self.eyes
-        if self.lost_frames or best.misfit(self.expected) > s.retry_distance:
-            return view, best, predicted
-        if not closing(self._residual(best, eyes), self.face.fine.closed[eyes], best.facing[eyes], s.closing_share):
-            return view, best, predicted
-        self.motion.weight[eyes] = 0
-        view = replace(view, facing=view.facing & ~eyes)
-        moved = self._move(view, self._predicted())
+        if found.misfit(self.expected) > s.retry_distance:
+            return False
+        return closing(self._residual(found, eyes), self.face.fine.closed[eyes], found.facing[eyes], s.closing_share)
+
+    def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
+        """The view with the eyes hidden, the best solution in it, and the motion that the rest of the face shows."""
+        self.motion.weight[self.eyes] = 0
+        view = replace(view, facing=view.facing & ~self.eyes)
+        moved = self._move(view, predicted)
         return view, self._solve(view, moved.pose, moved), moved
 
     def _residual(self, solution: Solution, landmarks: Mask) -> Float32:
@@ -268,10 +271,6 @@ class RealtimeTracker:
                 candidate = self._solve(view, replace(best.pose, animation=animation), predicted)
                 best = min(best, candidate, key=lambda solution: solution.energy)
         return best
-
-    def _predicted(self) -> Prediction:
-        """The prediction that the motion goes on."""
-        return Prediction(self.pose.moved(self.settings.velocity * self.velocity), self.information)
 
     def _stay(self) -> Prediction:
         """The prediction that nothing moves."""
