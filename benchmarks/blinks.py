@@ -1,4 +1,5 @@
-"""Real recordings: how far a blink nods the head, for the real-time tracker, noticing it or not, and for MediaPipe.
+"""Real recordings: how far a blink nods the head, for the real-time tracker, noticing it or not, and for MediaPipe;
+and how `eyes_closed` compares with the opening of the eyes in MediaPipe's landmarks.
 
 `OMP_NUM_THREADS=1 python benchmarks/blinks.py PATH`, with PATH a folder of videos. Blinks are found by the opening of
 the eyes over their width in MediaPipe's landmarks (T. Soukupova and J. Cech, Real-time eye blink detection using facial
@@ -9,7 +10,7 @@ that time, so the rotation in a blink is compared with that between four frames 
 from __future__ import annotations
 
 import warnings
-from itertools import groupby, takewhile
+from itertools import chain, groupby, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from recordings import asked, rotations
 import mien
 from mien.config import RealtimeSettings
 from mien.errors import MienWarning
+from mien.evaluation.metrics import correlation
 from mien.geometry.rotation import Array, exp, log
 from mien.initialization.detector import first_with_a_face, follow
 from mien.tracking.realtime import RealtimeTracker
@@ -27,6 +29,7 @@ LIDS, CORNERS = ((159, 145), (386, 374)), ((33, 133), (362, 263))
 """MediaPipe's points in the middle of the lids, and at the corners, of the right and of the left eye."""
 USUAL_FRAMES, CLOSED, LONGEST = 20, 0.6, 10
 BEFORE, AFTER = 4, 3
+SHUT, OPEN = 0.4, 0.9
 TRACKERS = {"realtime": "realtime", "without noticing": "__main__:Unaware", "MediaPipe": "mediapipe"}
 
 
@@ -43,14 +46,13 @@ def openings(path: Path, seconds: float) -> dict[int, float]:
     found = first_with_a_face(frames)
     if found is None:
         return {}
+    first, faces = found
 
     def apart(points: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
         return np.array([np.linalg.norm(points[a] - points[b]) for a, b in pairs])
 
-    return {
-        frame.index: float((apart(face.points, LIDS) / apart(face.points, CORNERS)).mean())
-        for frame, face in follow(found[1][0], frames)
-    }
+    seen = chain([(first, faces[0])], follow(faces[0], frames))
+    return {frame.index: float((apart(face.points, LIDS) / apart(face.points, CORNERS)).mean()) for frame, face in seen}
 
 
 def blinks(opening: dict[int, float]) -> list[tuple[int, int]]:
@@ -74,19 +76,38 @@ def nods_deg(R: Array, blinks: list[tuple[int, int]]) -> Array:
     return np.degrees(np.reshape(out, (-1, 3)))
 
 
+def compared(track: mien.Track, opening: dict[int, float]) -> list[str]:
+    """Of `eyes_closed`: correlation with the opening; median where that is below 0.4 of the one with which tracking
+    began, and 95th percentile where it is above 0.9, with the frames."""
+    frames = [i for i in opening if i < len(track)]
+    begun = opening.get(track.status.index("initialized"), np.nan)
+    if track.eyes_closed is None or not np.isfinite(begun):
+        return ["", "", ""]
+    told, seen = track.eyes_closed[frames], np.array([opening[i] for i in frames]) / begun
+    known = np.isfinite(told)
+    told, seen = told[known], seen[known]
+    shut, wide = told[seen < SHUT], told[seen > OPEN]
+    cells = [f"{-correlation(told, seen):.2f}"]
+    cells += [f"{np.median(shut):.2f} ({len(shut)})" if len(shut) else ""]
+    return [*cells, f"{np.percentile(wide, 95):.2f} ({len(wide)})" if len(wide) else ""]
+
+
 def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
-    columns = ("recording", "blinks", "frames", *(f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS")))
+    columns = ("recording", "correlation", "shut", "open", "blinks", "frames")
+    columns += tuple(f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS"))
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
     for path in paths:
-        found = blinks(openings(path, seconds))
-        tracks = (mien.track(path, preset=preset, end=seconds) for preset in TRACKERS.values())
+        opening = openings(path, seconds)
+        found = blinks(opening)
+        tracks = [mien.track(path, preset=preset, end=seconds) for preset in TRACKERS.values()]
         nods = [nods_deg(rotations(track), found) for track in tracks]
-        if not len(nods[0]):
-            continue
-        cells = [f"{value:.2f}" for nod in nods for value in (nod[:, 0].mean(), np.sqrt((nod**2).sum(axis=1).mean()))]
-        print(f"| {' | '.join((path.stem, str(len(found)), str(len(nods[0])), *cells))} |", flush=True)
+        cells = [path.stem, *compared(tracks[0], opening), str(len(found)), str(len(nods[0]))]
+        if len(nods[0]):
+            figures = ((nod[:, 0].mean(), np.sqrt((nod**2).sum(axis=1).mean())) for nod in nods)
+            cells += [f"{value:.2f}" for both in figures for value in both]
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from mien.candide.model import TRACKED_UNITS, Candide, mm_per_unit
+from mien.candide.model import TRACKED_UNITS, Candide, mm_per_unit, with_eyes_closed
 from mien.errors import MienError
 from mien.geometry.rotation import FACING, Array
 from mien.initialization.landmarks import LANDMARK_VERTICES
@@ -54,6 +54,24 @@ def test_unused_vertices_belong_to_no_surface() -> None:
 def test_landmarks_belong_to_the_surface() -> None:
     assert len(LANDMARK_VERTICES) == 26
     assert set(LANDMARK_VERTICES.values()) <= set(MODEL.triangles.ravel().tolist())
+
+
+def test_closed_eyes_meet_where_the_unit_of_the_model_closes_them() -> None:
+    """Across and up and down; the unit also lifts the lids out of the face, over the eyeball."""
+    closed = with_eyes_closed(MODEL.mean, 1.0)
+    unit = MODEL.animation_units[MODEL.animation_unit_names.index("eyes_closed")]
+    lids = np.flatnonzero(np.abs(unit).max(axis=1))
+    np.testing.assert_allclose(closed[lids, :2], (MODEL.mean + unit)[lids, :2], atol=1e-3)
+    for upper, lower in ((21, 22), (54, 55)):
+        np.testing.assert_allclose(closed[upper], closed[lower], atol=1e-12)
+    moved = np.abs(closed - MODEL.mean).max(axis=1) > 0
+    assert set(np.flatnonzero(moved)) <= {*lids, *range(67, 75)}
+
+
+def test_half_closed_eyes_are_half_way() -> None:
+    open_, half, closed = (with_eyes_closed(MODEL.mean, share) for share in (0.0, 0.5, 1.0))
+    np.testing.assert_array_equal(open_, MODEL.mean)
+    np.testing.assert_allclose(half, 0.5 * (open_ + closed), atol=1e-12)
 
 
 def test_eq_1_by_hand() -> None:

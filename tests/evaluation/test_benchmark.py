@@ -94,7 +94,7 @@ def test_jobs_do_not_change_the_numbers(tmp_path: Path) -> None:
             a, b = _result(one, tracker, name).track, _result(two, tracker, name).track
             assert a is not None
             assert b is not None
-            for field in ("time", "rotation", "landmarks", "animation", "confidence"):
+            for field in ("time", "rotation", "landmarks", "expression", "confidence"):
                 np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
 
 

@@ -86,8 +86,9 @@ def test_counterparts_and_correlation() -> None:
 
 
 def test_false_movement() -> None:
-    animation = np.array([[0.1, 0.0], [0.4, -0.2], [np.nan, np.nan], [0.0, 0.1]])
-    np.testing.assert_allclose(metrics.false_movement(animation), [0.3, 0.2])
+    nan = np.nan
+    expression = np.array([[0.1, 0.0, nan, nan], [0.4, -0.2, nan, 0.2], [nan, nan, nan, nan], [0.0, 0.1, nan, 0.7]])
+    np.testing.assert_allclose(metrics.false_movement(expression), [0.3, 0.2, nan, 0.5])
 
 
 def test_coverage() -> None:

@@ -13,7 +13,9 @@ import pytest
 from mien.output.plots import LOST_COLOUR, plot_track
 
 
-def _track(n: int, lost: slice = slice(0, 0), with_sd: bool = True, with_animation: bool = True) -> Any:
+def _track(
+    n: int, lost: slice = slice(0, 0), with_sd: bool = True, with_animation: bool = True, with_eyes: bool = True
+) -> Any:
     time = np.arange(n) / 25
     euler, animation = np.sin(time[:, None] * [1, 2, 3]), np.cos(time[:, None] * np.arange(6))
     status = np.full(n, "tracked", dtype=object)
@@ -25,6 +27,8 @@ def _track(n: int, lost: slice = slice(0, 0), with_sd: bool = True, with_animati
         euler_sd_deg=np.full((n, 3), 0.5) if with_sd else None,
         animation=animation if with_animation else None,
         animation_sd=np.full((n, 6), 0.1) if with_sd and with_animation else None,
+        eyes_closed=np.linspace(0, 1, n) if with_eyes else None,
+        eyes_closed_sd=np.full(n, 0.1) if with_sd and with_eyes else None,
         confidence=confidence,
         status=list(status),
     )
@@ -46,8 +50,9 @@ def _shaded(path: Path) -> float:
         _track(30, slice(0, 30)),
         _track(30, with_sd=False),
         _track(30, with_animation=False),
+        _track(30, with_eyes=False),
     ],
-    ids=["whole", "one frame", "one lost frame", "two frames", "all lost", "no sd", "no animation"],
+    ids=["whole", "one frame", "one lost frame", "two frames", "all lost", "no sd", "no animation", "no eyes"],
 )
 @pytest.mark.filterwarnings("error")
 def test_every_kind_of_track_is_plotted(tmp_path: Path, track: Any) -> None:

@@ -15,7 +15,7 @@ from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.output.track import BATCH, Recorder, Track, track_paths
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 from mien.video import Frame
 
 
@@ -35,6 +35,7 @@ def estimate(index: int, landmarks: int = 3, covariance: bool = True) -> Estimat
         ),
         confidence=0.875,
         mm_per_unit=100.0,
+        closing=Closing(0.25, 0.125),
     )
 
 
@@ -49,10 +50,10 @@ def track() -> Track:
 
 def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:
     names = ["frame", "face_id", "timestamp", "confidence", "success", "pose_Tx", "pose_Ty", "pose_Tz"]
-    names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS]
+    names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS, "eyes_closed"]
     names += [f"{axis}_{i}" for axis in "xyXYZ" for i in range(3)]
     names += [f"pose_{n}_sd" for n in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")] + [f"{u}_sd" for u in TRACKED_UNITS]
-    names += [f"visibility_{i}" for i in range(3)]
+    names += ["eyes_closed_sd"] + [f"visibility_{i}" for i in range(3)]
     assert track.table.column_names == names
 
 
@@ -83,7 +84,7 @@ def test_a_lost_frame_keeps_its_row_with_empty_cells(track: Track, tmp_path: Pat
 
 
 def test_what_is_not_estimated_has_no_column() -> None:
-    bare = replace(estimate(0), animation=None, covariance=None, landmarks=None)
+    bare = replace(estimate(0), animation=None, covariance=None, landmarks=None, closing=None)
     names = Track.from_estimates([bare]).table.column_names
     assert names[-4:] == ["pose_Rx", "pose_Ry", "pose_Rz", "status"]
 
@@ -100,16 +101,21 @@ def test_columns_by_property(track: Track) -> None:
     assert track.animation is not None
     np.testing.assert_allclose(track.animation[0], np.arange(6) / 10)
     assert track.animation_sd is not None
+    np.testing.assert_array_equal(track.eyes_closed, [0.25, 0.25, np.nan, 0.25])
+    np.testing.assert_array_equal(track.eyes_closed_sd, [0.125, 0.125, np.nan, 0.125])
     assert track.landmarks is not None
     assert track.landmarks.shape == (4, 3, 2)
     assert track.translation_mm is not None
 
 
 def test_properties_of_what_is_not_estimated_are_none() -> None:
-    track = Track.from_estimates([replace(estimate(0), animation=None, covariance=None, landmarks=None)])
+    bare = replace(estimate(0), animation=None, covariance=None, landmarks=None, closing=None)
+    track = Track.from_estimates([bare])
     assert track.euler_sd_deg is None
     assert track.animation is None
     assert track.animation_sd is None
+    assert track.eyes_closed is None
+    assert track.eyes_closed_sd is None
     assert track.landmarks is None
 
 

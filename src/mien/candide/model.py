@@ -33,6 +33,8 @@ TRACKED_UNITS = (
 INTERPUPILLARY_MM = 63.0
 _PUPILS = ((67, 68, 71, 72), (69, 70, 73, 74))  # iris corners of the left and of the right eye
 _EYE_OPENINGS = ((20, 97, 21, 105, 23, 107, 22, 99), (53, 98, 54, 106, 56, 108, 55, 100))
+_LID_MEETS = 0.25
+"""Where lids meet, above the lower one, as a share of the opening: as in CANDIDE-3's unit `eyes_closed`."""
 MOUTH_TRIANGLES = ((88, 81, 83), (83, 81, 40), (40, 81, 87), (87, 82, 40), (40, 82, 84), (84, 82, 89))
 """Surfaces between the lips, where CANDIDE has a hole; `Candide.triangles` does not hold them."""
 
@@ -113,6 +115,24 @@ def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -
     """Millimetres in one CANDIDE unit for a face (V, 3) whose pupils are so far apart."""
     left, right = (vertices[list(corners)].mean(axis=0) for corners in _PUPILS)
     return float(interpupillary_mm / np.linalg.norm(left - right))
+
+
+def closed_lids(upper: Array, lower: Array, share: float) -> tuple[Array, Array]:
+    """Points (n, 3) of the upper lids and (n, 3) of the lower ones, moved towards each other by a share of the way."""
+    meet = lower + _LID_MEETS * (upper - lower)
+    return upper + share * (meet - upper), lower + share * (meet - lower)
+
+
+def with_eyes_closed(vertices: Array, share: float) -> Array:
+    """A face (V, 3) in head axes with both eyes closed by a share of their opening. CANDIDE-3's unit `eyes_closed`
+    closes those of its mean face; eyes of a person may be wider."""
+    out = vertices.copy()
+    for (_, u1, u2, u3, _, l1, l2, l3), iris in zip(_EYE_OPENINGS, _PUPILS, strict=True):
+        upper, lower = [u1, u2, u3], [l3, l2, l1]
+        out[upper], out[lower] = closed_lids(vertices[upper], vertices[lower], share)
+        meet = closed_lids(vertices[u2], vertices[l2], 1.0)[0]
+        out[list(iris), 1] += share * (meet[1] - vertices[list(iris), 1])
+    return out
 
 
 def _load_tables() -> Candide:

@@ -27,9 +27,10 @@ UNIT_COUNTERPARTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "brow_lowerer": {"browDown": 1.0, "browInnerUp": -1.0},
         "lip_corner_depressor": {"mouthFrown": 1.0, "mouthSmile": -1.0},
         "outer_brow_raiser": {"browOuterUp": 1.0},
+        "eyes_closed": {"eyeBlink": 1.0},
     }
 )
-"""Each animation unit as a sum of ARKit shapes, left and right averaged."""
+"""Each animation unit, and closing eyes, as a sum of ARKit shapes, left and right averaged."""
 
 
 # Pose
@@ -107,10 +108,10 @@ def correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def false_movement(animation: Array) -> Array:
-    """(n, m) units under pose alone -> (m,): largest distance of each from its value in the first frame."""
-    known = animation[np.isfinite(animation).all(axis=1)]
-    return np.abs(known - known[0]).max(axis=0) if len(known) else np.full(animation.shape[1], np.nan)
+def false_movement(expression: Array) -> Array:
+    """(n, m) units under pose alone -> (m,): largest distance of each from its value in the first frame that has it."""
+    known = (unit[np.isfinite(unit)] for unit in expression.T)
+    return np.array([np.abs(unit - unit[0]).max() if len(unit) else np.nan for unit in known])
 
 
 # Calibration

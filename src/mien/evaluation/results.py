@@ -12,12 +12,11 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
 from mien.files import whole_file
 from mien.geometry.rotation import Array
-from mien.tracking.state import Estimate, Mask, Status
+from mien.tracking.state import EXPRESSION_NAMES, Estimate, Mask, Status
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ class TrackTable:
     """A tracker's estimates of n frames as arrays; NaN where it gave nothing.
 
     time: (n,) seconds; status: (n,) values of `Status`; rotation: (n, 3, 3) head -> camera;
-    rotation_covariance: (n, 3, 3) of the rotation vector in camera axes; animation: (n, 6); confidence: (n,);
+    rotation_covariance: (n, 3, 3) of the rotation vector in camera axes; expression: (n, 7); confidence: (n,);
     landmarks: (n, k, 2) pixels with k names; reasons: (n,) why a frame was lost.
     """
 
@@ -33,7 +32,7 @@ class TrackTable:
     status: tuple[str, ...]
     rotation: Array
     rotation_covariance: Array
-    animation: Array
+    expression: Array
     confidence: Array
     landmarks: Array
     landmark_names: tuple[str, ...] = ()
@@ -63,7 +62,7 @@ class TrackTable:
             rotation_covariance=_stack(
                 [None if e.covariance is None else e.covariance[:3, :3] for e in estimates], (3, 3)
             ),
-            animation=_stack([e.animation for e in estimates], (len(TRACKED_UNITS),)),
+            expression=_stack([e.expression for e in estimates], (len(EXPRESSION_NAMES),)),
             confidence=np.array([e.confidence for e in estimates]),
             landmarks=_stack([None if e.landmarks is None else e.landmarks.image for e in estimates], (len(names), 2)),
             landmark_names=names,

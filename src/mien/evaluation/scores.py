@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.evaluation import metrics
 from mien.evaluation.plan import Evaluation, result_path, timing_path
@@ -19,7 +18,7 @@ from mien.evaluation.points12 import outer_eye_distance, points_of_names, points
 from mien.evaluation.protocols import Comparison, Protocol, compare, protocol_named
 from mien.evaluation.results import SequenceResult, Timing
 from mien.geometry.rotation import Array
-from mien.tracking.state import Mask
+from mien.tracking.state import EXPRESSION_NAMES, Mask
 
 
 @dataclass(frozen=True)
@@ -106,33 +105,33 @@ class Score:
 
     @property
     def expression_moves(self) -> bool | None:
-        """Whether the truth shows expressions of the tracked units; None where it says nothing of expression."""
+        """Whether the truth shows expressions that are tracked; None where it says nothing of expression."""
         truth = self.result.truth
         if truth is None or truth.expression is None:
             return None
-        moves = [metrics.counterpart(u, truth.expression, truth.expression_names) for u in TRACKED_UNITS]
+        moves = [metrics.counterpart(u, truth.expression, truth.expression_names) for u in EXPRESSION_NAMES]
         return any(m is not None and float(np.ptp(m)) > 0.05 for m in moves)
 
     @property
     def unit_correlations(self) -> Array:
-        """(6,) correlation of each unit with its counterpart in the truth; NaN where one of them does not
+        """(7,) correlation of each unit with its counterpart in the truth; NaN where one of them does not
         move.
         """
         track, truth = self.result.track, self.result.truth
-        out = np.full(len(TRACKED_UNITS), np.nan)
+        out = np.full(len(EXPRESSION_NAMES), np.nan)
         if track is None or truth is None or truth.expression is None:
             return out
-        for i, unit in enumerate(TRACKED_UNITS):
+        for i, unit in enumerate(EXPRESSION_NAMES):
             expected = metrics.counterpart(unit, truth.expression, truth.expression_names)
             if expected is not None:
-                out[i] = metrics.correlation(track.animation[:, i], expected)
+                out[i] = metrics.correlation(track.expression[:, i], expected)
         return out
 
     @property
     def false_movement(self) -> Array:
-        """(6,) largest movement of each unit."""
+        """(7,) largest movement of each unit."""
         assert self.result.track is not None
-        return metrics.false_movement(self.result.track.animation)
+        return metrics.false_movement(self.result.track.expression)
 
     @property
     def jitter_deg(self) -> float:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mien.candide.model import TRACKED_UNITS
 from mien.evaluation import metrics
 from mien.evaluation.datasets import buft
 from mien.evaluation.protocols import Protocol
 from mien.evaluation.published import REBASED_REFERENCES, TABLE_1
 from mien.evaluation.scores import Score, Scores, pooled, pooled_errors, spread_of_errors, success_rate
 from mien.geometry.rotation import Array
+from mien.tracking.state import EXPRESSION_NAMES
 
 NONE = "—"
 
@@ -151,7 +151,7 @@ def animation(scores: Scores) -> Table:
             chosen = [s for s in scores.of(tracker, kind) if s.expression_moves]
             values = np.array([s.unit_correlations for s in chosen])
             if len(chosen) and np.isfinite(values).any():
-                cells = [_number(_mean(values[:, i])) for i in range(len(TRACKED_UNITS))]
+                cells = [_number(_mean(values[:, i])) for i in range(len(EXPRESSION_NAMES))]
                 rows.append((tracker, kind, *cells))
     return Table(
         "animation",
@@ -159,7 +159,7 @@ def animation(scores: Scores) -> Table:
         "Mean over sequences. The counterparts in ARKit's shapes, left and right averaged: "
         + "; ".join(f"{unit} = {_sum(shapes)}" for unit, shapes in metrics.UNIT_COUNTERPARTS.items())
         + ".",
-        ("tracker", "kind", *TRACKED_UNITS),
+        ("tracker", "kind", *EXPRESSION_NAMES),
         tuple(rows),
     )
 
@@ -172,12 +172,13 @@ def false_movements(scores: Scores) -> Table:
             chosen = [s for s in scores.of(tracker, kind) if s.expression_moves is False]
             values = np.array([s.false_movement for s in chosen])
             if len(chosen) and np.isfinite(values).any():
-                rows.append((tracker, kind, *(_number(v) for v in np.nanmax(values, axis=0))))
+                largest = np.where(np.isnan(values), -np.inf, values).max(axis=0)
+                rows.append((tracker, kind, *(_number(v) for v in largest)))
     return Table(
         "false-movement",
         "Animation: false movement under pose alone",
         "Largest distance of a unit from its value in the first frame, over all sequences without expression.",
-        ("tracker", "kind", *TRACKED_UNITS),
+        ("tracker", "kind", *EXPRESSION_NAMES),
         tuple(rows),
     )
 

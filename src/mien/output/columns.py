@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from mien.candide.model import TRACKED_UNITS
 from mien.geometry.rotation import Array
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import EYES_CLOSED, Estimate, Status, TrackedLandmarks
 
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
@@ -39,6 +39,7 @@ def _sd(names: Sequence[str]) -> tuple[str, ...]:
 
 
 ROTATION_SD, ANIMATION_SD = _sd(ROTATION), _sd(TRACKED_UNITS)
+(EYES_CLOSED_SD,) = _sd([EYES_CLOSED])
 
 
 def _translation(e: Estimate) -> Array | None:
@@ -74,11 +75,13 @@ def _visibility(e: Estimate) -> Array | None:
 _POSE = (_Group(TRANSLATION, 3, _translation), _Group(ROTATION, 6, lambda e: e.euler))
 _REST = (
     _Group(TRACKED_UNITS, 5, lambda e: e.animation),
+    _Group((EYES_CLOSED,), 3, lambda e: None if e.closing is None else np.array([e.closing.share])),
     *(_Group(name, 3, _image(k)) for k, name in enumerate("xy")),
     *(_Group(name, 3, _camera(k)) for k, name in enumerate("XYZ")),
     _Group(_sd(TRANSLATION), 3, _translation_sd),
     _Group(ROTATION_SD, 6, lambda e: e.euler_sd),
     _Group(ANIMATION_SD, 5, lambda e: _state_sd(e, slice(6, None))),
+    _Group((EYES_CLOSED_SD,), 3, lambda e: None if e.closing is None else np.array([e.closing.sd])),
     _Group("visibility", 3, _visibility),
 )
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NORMAL_90 = 1.6449
 """Half width of the central 90 per cent of a normal distribution, in standard deviations."""
 ANGLE_NAMES = ("pitch", "yaw", "roll")
-COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b", "#7a4fa3", "#3a9ca8")
+COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b", "#7a4fa3", "#3a9ca8", "#5a5a5a")
 LOST_COLOUR = "#d9d4cf"
 
 
@@ -36,8 +36,13 @@ def plot_track(track: Track, path: Path) -> None:
     _plot_series(axes[0], track.time, track.euler_deg, track.euler_sd_deg, ANGLE_NAMES)
     axes[0].set_ylabel("angle (degrees)")
     if animation is not None:
-        names = [name.replace("_", " ") for name in TRACKED_UNITS]
-        _plot_series(axes[1], track.time, animation, track.animation_sd, names)
+        names, sd = [name.replace("_", " ") for name in TRACKED_UNITS], track.animation_sd
+        if track.eyes_closed is not None:
+            names.append("eyes closed")
+            animation = np.column_stack([animation, track.eyes_closed])
+            if sd is not None and track.eyes_closed_sd is not None:
+                sd = np.column_stack([sd, track.eyes_closed_sd])
+        _plot_series(axes[1], track.time, animation, sd, names)
         axes[1].set_ylabel("animation (0 neutral, 1 full)")
     _plot_confidence(axes[-1], track.time, track.confidence)
     lost = np.array([status == Status.LOST.value for status in track.status], dtype=bool)

@@ -21,6 +21,7 @@ from mien.files import json_text, named_errors, whole_file
 from mien.geometry.rotation import Array
 from mien.output.columns import (
     ANIMATION_SD,
+    EYES_CLOSED_SD,
     ROTATION,
     ROTATION_SD,
     TRANSLATION,
@@ -28,7 +29,7 @@ from mien.output.columns import (
     in_order,
     table_of,
 )
-from mien.tracking.state import Estimate
+from mien.tracking.state import EYES_CLOSED, Estimate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -111,6 +112,16 @@ class Track:
     def animation_sd(self) -> Array | None:
         """(n, 6) standard deviations of `animation`."""
         return self._matrix(ANIMATION_SD)
+
+    @cached_property
+    def eyes_closed(self) -> Array | None:
+        """(n,) how far both eyes have closed since the frame in which tracking began, 1 being shut."""
+        return self._numbers(EYES_CLOSED) if EYES_CLOSED in self.table.column_names else None
+
+    @cached_property
+    def eyes_closed_sd(self) -> Array | None:
+        """(n,) standard deviation of `eyes_closed`."""
+        return self._numbers(EYES_CLOSED_SD) if EYES_CLOSED_SD in self.table.column_names else None
 
     @cached_property
     def landmarks(self) -> Array | None:

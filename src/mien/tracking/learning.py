@@ -27,7 +27,7 @@ from mien.video import Frame
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
 _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
-_BLINK, _BLINK_VIEWS = (1.0, 0.5), 4
+_BLINK, _BLINK_VIEWS = (0.5, 1.0), 4
 """How far the eyes are closed, in turn, and that every so many views are drawn with closed eyes too."""
 _LIT_VIEWS = 2
 """Every so many views are drawn in another light too. What light changes is no matter of the mean: with a random light
@@ -36,13 +36,13 @@ in each view, the mean would be as random."""
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what closed
-    eyes add to them (n, 128)."""
+    """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what eyes add
+    to them (2, n, 128) that are half closed and shut."""
 
     descriptor: DescriptorSettings
     size: int
     appearance: PoseRegression
-    closed: Float32
+    closing: Float32
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""
@@ -129,7 +129,8 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     appearance = PoseRegression.learn(
         np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
     )
-    return Level(d, size, appearance, np.mean(blinks[:: len(closed)], axis=0))
+    closing = np.array([np.mean(blinks[k :: len(closed)], axis=0) for k in range(len(closed))])
+    return Level(d, size, appearance, closing)
 
 
 def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:

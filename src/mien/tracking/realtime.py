@@ -12,7 +12,7 @@ import numpy as np
 from mien.appearance.crop import is_blank
 from mien.appearance.descriptors import Float32
 from mien.appearance.views import CENTRE, roll_of
-from mien.candide.model import Candide
+from mien.candide.model import Candide, closed_lids, with_eyes_closed
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, ray_rotation
@@ -20,7 +20,7 @@ from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.adaptation import Adaptation
-from mien.tracking.eyelids import closing
+from mien.tracking.eyelids import closing_of
 from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level, learn_face
 from mien.tracking.motion import JAW_DROP, Motion
@@ -29,7 +29,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Prediction, Solution, View
-from mien.tracking.state import Estimate, Mask, Status, TrackedLandmarks
+from mien.tracking.state import Closing, Estimate, Mask, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
     RECOGNITION_RATE,
     SAME_CORRELATION,
@@ -48,6 +48,9 @@ TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
 apart, and away from the eyes, which spectacles hide."""
 _JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
+_UPPER_LIDS, _LOWER_LIDS = (
+    [LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")
+)
 _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
 _TRUSTED = 0.25
@@ -129,6 +132,7 @@ class RealtimeTracker:
             view, solution = self._fine(frame, self._stay())
             self.pose = solution.pose
         self._remember(view, solution)
+        self.closing = self._closing(solution)
         return solution
 
     def track(self, frame: Frame) -> Estimate:
@@ -174,6 +178,7 @@ class RealtimeTracker:
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
             view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
             if solution.share(s.seen_distance) >= s.recovered_share:
+                self.closing = self._closing(solution)
                 return view, solution
         return None
 
@@ -181,7 +186,10 @@ class RealtimeTracker:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
         if estimate.rotation is None or estimate.translation is None:
             return None
-        return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+        vertices = self.fit.vertices(estimate.animation)
+        if estimate.closing:
+            vertices = with_eyes_closed(vertices, estimate.closing.share)
+        return np.asarray(vertices @ estimate.rotation.T + estimate.translation)
 
     def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array] | None]:
         yield self.keyframes.find(frame, float(self.pose.t[2]))
@@ -204,7 +212,9 @@ class RealtimeTracker:
                 if fine.energy < best.energy:
                     view, best = again, fine
             moved = predicted
-        if not self.lost_frames and self._blinks(best):
+        self.closing = self._closing(best)
+        unlike = best.misfit(self.expected) > s.retry_distance
+        if self.closing and self.closing.share > s.closing_share and not (unlike or self.lost_frames):
             view, best, moved = self._without_eyes(view, predicted)
         best = self._open_mouth(view, best, moved)
         return view, best if self.lost_frames else self._hold(predicted.pose, best)
@@ -238,12 +248,10 @@ class RealtimeTracker:
         seen = solution.facing * np.minimum(solution.w / _TRUSTED, 1)
         return self.motion.remember(view.image, (self.neutral, self.units), self.pose.arrays, view.geometry, seen)
 
-    def _blinks(self, found: Solution) -> bool:
-        """Whether this is the face, and its eyes are closing."""
-        s, eyes = self.settings, self.eyes
-        if found.misfit(self.expected) > s.retry_distance:
-            return False
-        return closing(self._residual(found, eyes), self.face.fine.closed[eyes], found.facing[eyes], s.closing_share)
+    def _closing(self, found: Solution) -> Closing | None:
+        """How far the eyes have closed."""
+        eyes = self.eyes
+        return closing_of(self._residual(found, eyes), self.face.fine.closing[:, eyes], found.facing[eyes])
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
         """The view with the eyes hidden, the best solution in it, and the motion that the rest of the face shows."""
@@ -395,7 +403,9 @@ class RealtimeTracker:
     def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error."""
         n = len(LANDMARK_NAMES)
-        X = self._posed(self.pose)[:n]
+        X, closing = self._posed(self.pose)[:n], self.closing
+        if closing:
+            X[_UPPER_LIDS], X[_LOWER_LIDS] = closed_lids(X[_UPPER_LIDS], X[_LOWER_LIDS], closing.share)
         seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
@@ -406,5 +416,5 @@ class RealtimeTracker:
         sure = confidence(covariance, solution.telling, share, self.pose.R, self.first.R, self.known)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
-            sure, self.fit.mm_per_unit,
+            sure, self.fit.mm_per_unit, closing=closing,
         )  # fmt: skip

@@ -17,6 +17,9 @@ from mien.video import Frame
 
 STATE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz", *TRACKED_UNITS)
 """The twelve entries of the state b, Eq. (2)."""
+EYES_CLOSED = "eyes_closed"
+EXPRESSION_NAMES = (*TRACKED_UNITS, EYES_CLOSED)
+"""What is told of the expression: the animation units of the state, and beside it how far the eyes have closed."""
 
 
 class Status(str, Enum):
@@ -48,6 +51,14 @@ class TrackedLandmarks:
 
 
 @dataclass(frozen=True)
+class Closing:
+    """How far both eyes have closed, 0 being as in the first frame and 1 shut: mean and standard deviation."""
+
+    share: float
+    sd: float
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What a tracker knows after one frame. A lost face has status LOST and no rotation.
 
@@ -69,11 +80,18 @@ class Estimate:
     confidence: float = 0.0
     mm_per_unit: float = 1.0
     reason: str = ""
+    closing: Closing | None = None
 
     @classmethod
     def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:
         """The estimate of a frame without a face, and why."""
         return cls(frame.index, frame.time, Status.LOST, mm_per_unit=mm_per_unit, reason=reason)
+
+    @property
+    def expression(self) -> Array:
+        """(7,) in the order of `EXPRESSION_NAMES`, NaN where it is not estimated."""
+        units = np.full(len(TRACKED_UNITS), np.nan) if self.animation is None else self.animation
+        return np.append(units, np.nan if self.closing is None else self.closing.share)
 
     @property
     def euler(self) -> Array | None:
