@@ -148,7 +148,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "5x5 views, not 10x10": _set(views_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
     "no light in the views": _set(light_contrast=0),
-    "no closed eyes in the views' covariance": _set(blink_share=0),
+    "no closed or turned eyes in the views' covariance": _set(eye_share=0),
     "blinks not noticed": _set(closing_share=1e6),
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,

@@ -60,7 +60,7 @@ class RealtimeSettings(Settings):
     view_crowding: float = Field(1.4, gt=0, description="exponent: 1 spaces them evenly, more crowds the middle")
     views_per_angle: int = Field(10, ge=4)
     light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views, logarithm of its gain")
-    blink_share: float = Field(0.2, ge=0, description="weight of closed eyes in the covariance, all views' being 1")
+    eye_share: float = Field(0.2, ge=0, description="weight of moved eyes in the covariance, all views' being 1")
     closing_share: float = Field(0.25, gt=0, description="how far eyes are closed at which they are not believed")
     rank: int = Field(20, ge=0, description="dimensions of the covariance beyond its floor")
     floor: float = Field(1e-3, gt=0, description="variance of a descriptor's entry in every direction")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from mien.appearance.crop import Crop, blurred
 from mien.appearance.descriptors import Float32, describe_with_jacobian, orientation_maps
-from mien.appearance.eyelids import close_eye
+from mien.appearance.eyes import close_eye, turn_eye
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
@@ -22,13 +23,14 @@ from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels
-from mien.video import Frame
+from mien.video import Frame, Pixels
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
 _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
-_BLINK, _BLINK_VIEWS = (0.5, 1.0), 4
-"""How far the eyes are closed, in turn, and that every so many views are drawn with closed eyes too."""
+_EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
+"""What eyes do, in turn, in every so many views: half closed, shut, looking to one side and to the other."""
+_EYE_VIEWS = 4
 _LIT_VIEWS = 2
 """Every so many views are drawn in another light too. What light changes is no matter of the mean: with a random light
 in each view, the mean would be as random."""
@@ -36,13 +38,13 @@ in each view, the mean would be as random."""
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what eyes add
-    to them (2, n, 128) that are half closed and shut."""
+    """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what eyes
+    add to them (4, n, 128) that do what `_EYES` says."""
 
     descriptor: DescriptorSettings
     size: int
     appearance: PoseRegression
-    closing: Float32
+    eyes: Float32
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""
@@ -69,8 +71,8 @@ def learn_face(
     points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
     normals = _normals_at(points, surface, camera) @ fit.R
     pixels = camera.project(points)[0]
-    blinks = tuple(_blinking(frame, pixels, share) for share in _BLINK)
-    posed = _PosedFace(frame, blinks, surface, (points - fit.t) @ fit.R, normals, fit, camera)
+    eyes = tuple(_with_eyes(frame, pixels, draw, share) for draw, share in _EYES)
+    posed = _PosedFace(frame, eyes, surface, (points - fit.t) @ fit.R, normals, fit, camera)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = (_patches_on(surface, points, fit, camera, settings) - points[:, None]) @ fit.R
@@ -79,10 +81,10 @@ def learn_face(
 
 @dataclass(frozen=True)
 class _PosedFace:
-    """The first frame's face: points and normals (n, 3) in head axes; the frame as it is, and with the eyes closed."""
+    """The first frame's face: points and normals (n, 3) in head axes; the frame as it is, and as `_EYES` says."""
 
     frame: Frame
-    blinks: tuple[Frame, ...]
+    eyes: tuple[Frame, ...]
     surface: Surface
     points: Array
     normals: Array
@@ -93,7 +95,7 @@ class _PosedFace:
 def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -> Level:
     fit, triangles = face.fit, face.surface.triangles
     distance = float(fit.t[2])
-    texture, *closed = (_texture(face, frame, d.pixels_per_unit) for frame in (face.frame, *face.blinks))
+    texture, *textures = (_texture(face, frame, d.pixels_per_unit) for frame in (face.frame, *face.eyes))
     head = (face.surface.vertices - fit.t) @ fit.R
     size = round(CROP_UNITS * d.pixels_per_unit)
     # The head stands on the optical axis: what a view shows depends on the ray to the head, not on its place.
@@ -112,25 +114,24 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
         return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0]
 
-    samples, terms, visible, blinks, lights = [], [], [], [], []
+    samples, terms, visible, eyes, lights = [], [], [], [], []
     for k, (tilt, pan) in enumerate(product(*angles)):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
         posed = head @ R.T + t, face.points @ R.T + t
         samples.append(look(posed, texture))
-        if k % _BLINK_VIEWS == 0:
-            blinks.append(look(posed, closed[k // _BLINK_VIEWS % len(closed)]) - samples[-1])
+        if k % _EYE_VIEWS == 0:
+            eyes.append(look(posed, textures[k // _EYE_VIEWS % len(_EYES)]) - samples[-1])
         if k % _LIT_VIEWS == 0:
             lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng)) - samples[-1])
         terms.append(kernels.polynomial(tilt, pan, limit)[0])
         visible.append(kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine))
-    shares = ((blinks, s.blink_share), (lights, 1.0))
+    shares = ((eyes, s.eye_share), (lights, 1.0))
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(
         np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
     )
-    closing = np.array([np.mean(blinks[k :: len(closed)], axis=0) for k in range(len(closed))])
-    return Level(d, size, appearance, closing)
+    return Level(d, size, appearance, np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))]))
 
 
 def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
@@ -138,12 +139,13 @@ def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
     return texture_of_vertices(frame, face.surface.vertices, float(face.fit.t[2]), face.camera, pixels_per_unit)
 
 
-def _blinking(frame: Frame, points: Array, share: float) -> Frame:
-    """The frame with both eyes, of the landmarks' image points (n, 2), closed by a share of their opening."""
+def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: float) -> Frame:
+    """The frame with both eyes, of the landmarks' image points (n, 2), closed or turned to the right of the image."""
     pixels = frame.pixels
     for side in ("right", "left"):
         outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in _EYE)
-        pixels = close_eye(pixels, np.array([outer, inner]), np.array([upper, lower]), share)
+        corners = [outer, inner] if side == "right" else [inner, outer]
+        pixels = draw(pixels, np.array(corners), np.array([upper, lower]), share)
     return replace(frame, pixels=pixels)
 
 

@@ -20,7 +20,7 @@ from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.adaptation import Adaptation
-from mien.tracking.eyelids import closing_of
+from mien.tracking.eyes import closing_of
 from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level, learn_face
 from mien.tracking.motion import JAW_DROP, Motion
@@ -251,7 +251,7 @@ class RealtimeTracker:
     def _closing(self, found: Solution) -> Closing | None:
         """How far the eyes have closed."""
         eyes = self.eyes
-        return closing_of(self._residual(found, eyes), self.face.fine.closing[:, eyes], found.facing[eyes])
+        return closing_of(self._residual(found, eyes), self.face.fine.eyes[:, eyes], found.facing[eyes])
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
         """The view with the eyes hidden, the best solution in it, and the motion that the rest of the face shows."""
