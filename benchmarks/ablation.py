@@ -31,7 +31,7 @@ from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
-from mien.tracking import learning, realtime
+from mien.tracking import learning, person
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Prediction, View
 from mien.tracking.state import Estimate
@@ -126,7 +126,7 @@ class WithoutAnchors(RealtimeTracker):
     """The 26 landmarks alone."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        with patch.object(realtime, "TRACKED", LANDMARK_VERTICES):
+        with patch.object(person, "TRACKED", LANDMARK_VERTICES):
             return super().initialize(frame, landmarks, camera)
 
 

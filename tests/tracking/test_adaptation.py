@@ -14,7 +14,8 @@ from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.adaptation import Adaptation
-from mien.tracking.realtime import TRACKED, RealtimeTracker
+from mien.tracking.person import TRACKED
+from mien.tracking.realtime import RealtimeTracker
 from small_motion import face, run, turn_error_deg
 
 FIRST = np.array([0.1, -0.2])
@@ -99,7 +100,7 @@ def test_eyes_behind_reflections_are_seen_again() -> None:
 def test_a_face_that_looks_as_it_should_is_left_alone() -> None:
     tracker, error, _ = _run(_turning())
     _, error_without, _ = _run(_turning(), forgetting=0)
-    assert not tracker.adaptation.slope.reshape(2, -1, 128)[:, OTHERS].any()
+    assert not tracker.person.adaptation.slope.reshape(2, -1, 128)[:, OTHERS].any()
     assert error.mean() == pytest.approx(error_without.mean(), abs=0.05)
 
 
@@ -113,5 +114,5 @@ def test_what_passes_before_the_face_is_not_learned() -> None:
         frames[i] = replace(frames[i], pixels=pixels)
     tracker, error, _ = _run(replace(_turning(), frames=tuple(frames)))
     as_it_is, _, _ = _run(_turning())
-    assert np.abs(tracker.adaptation.slope).max() <= np.abs(as_it_is.adaptation.slope).max() + 1e-6
+    assert np.abs(tracker.person.adaptation.slope).max() <= np.abs(as_it_is.person.adaptation.slope).max() + 1e-6
     assert error[90:].mean() < 0.5

@@ -66,7 +66,7 @@ def test_brightness_and_contrast_do_not_matter(tracker: RealtimeTracker, next_fr
 
 def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_frame: Frame) -> None:
     """A board over the mouth, which was not there before."""
-    mouth = tracker.camera.project(tracker._posed(tracker.pose))[0][-10:].mean(axis=0).astype(int)
+    mouth = tracker.camera.project(tracker.person.posed(tracker.pose))[0][-10:].mean(axis=0).astype(int)
     pixels = next_frame.pixels.copy()
     pixels[mouth[1] - 8 : mouth[1] + 40, mouth[0] - 40 : mouth[0] + 40] = (200, 40, 40)
     found = _measured(tracker, replace(next_frame, pixels=pixels))
@@ -76,7 +76,7 @@ def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_f
 def test_patches_agree_that_have_long_been_the_same(tracker: RealtimeTracker) -> None:
     """Sixty frames of the same picture, then one of noise: what came before the face has to stay as long again."""
     view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
-    person, weight = (tracker.neutral, tracker.units), np.ones(len(tracker.neutral))
+    person, weight = tracker.person.arrays, np.ones(len(tracker.person.neutral))
     noise = np.random.default_rng(0).normal(128, 40, view.image.shape).astype(np.float32)
     motion = Motion(tracker.face.patches, tracker.settings)
     for _ in range(60):
@@ -91,9 +91,9 @@ def test_patches_agree_that_have_long_been_the_same(tracker: RealtimeTracker) ->
 
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
-    person, prior = (tracker.neutral, tracker.units), tracker._prior(tracker._stay())
+    person, prior = tracker.person.arrays, tracker._prior(tracker._stay())
     motion = Motion(tracker.face.patches, tracker.settings)
-    motion.remember(view.image, person, tracker.pose.arrays, view.geometry, np.zeros(len(tracker.neutral)))
+    motion.remember(view.image, person, tracker.pose.arrays, view.geometry, np.zeros(len(tracker.person.neutral)))
     (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
     np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
     np.testing.assert_allclose(t, tracker.pose.t, atol=1e-9)

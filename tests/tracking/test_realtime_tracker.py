@@ -64,10 +64,10 @@ def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
     frames = sequence().frames[:8]
     tracker.initialize(frames[0], face().landmarks, face().camera)
     misplaced = LANDMARK_NAMES.index("nose_base_mid")
-    tracker.neutral[misplaced, 0] += 0.02
+    tracker.person.neutral[misplaced, 0] += 0.02
     for frame in frames[1:]:
         tracker.track(frame)
-    variance = tracker.variance[:, 0]
+    variance = tracker.person.variance[:, 0]
     assert variance[misplaced] > 3 * np.median(variance)
     assert variance.min() >= 0.9 * tracker.settings.location_sd**2
 
@@ -86,20 +86,20 @@ def test_a_second_pass_knows_the_relief() -> None:
 
     tracker = RealtimeTracker()
     before = mean_error(tracker)
-    learned = tracker.shape.mean.copy()
+    learned = tracker.person.shape.mean.copy()
     assert mean_error(tracker.again()) < 0.75 * before
-    np.testing.assert_array_equal(tracker.shape.mean, learned)  # the second learns on its own
+    np.testing.assert_array_equal(tracker.person.shape.mean, learned)  # the second learns on its own
 
 
 def test_what_an_expression_moves_says_less() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     level = tracker.face.fine
-    rest = tracker._misplaced(level)
+    rest = tracker.person.misplaced(level, tracker.pose.animation)
     raised = tracker.pose.animation.copy()
     raised[TRACKED_UNITS.index("outer_brow_raiser")] += 1
     tracker.pose = replace(tracker.pose, animation=raised)
-    more = (tracker._misplaced(level) - rest)[:, 0]
+    more = (tracker.person.misplaced(level, tracker.pose.animation) - rest)[:, 0]
     brow, nose = LANDMARK_NAMES.index("left_brow_outer"), LANDMARK_NAMES.index("nose_tip")
     pixels = tracker.settings.unit_error * 0.176 * level.descriptor.pixels_per_unit  # CANDIDE: (0.022, 0.174, -0.022)
     assert np.sqrt(more[brow]) == pytest.approx(pixels, rel=0.1)
@@ -126,7 +126,7 @@ def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
     tracker.initialize(frame, face().landmarks, face().camera)
     for _ in range(20):
         tracker.track(frame)
-    assert tracker.expected.min() == tracker.settings.least_distance
+    assert tracker.person.expected.min() == tracker.settings.least_distance
 
 
 def test_misplacement_solves_each_landmark_alone() -> None:

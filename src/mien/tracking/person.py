@@ -1,0 +1,146 @@
+"""What is known of a face but for where it is: learned in the first frame, and better known while it is tracked."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+
+from mien.appearance.descriptors import Float32
+from mien.config import RealtimeSettings
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.tracking import kernels
+from mien.tracking.adaptation import Adaptation
+from mien.tracking.eyes import closing_of
+from mien.tracking.learning import Level, learn_face
+from mien.tracking.shape import ShapePosterior, shape_information
+from mien.tracking.solution import Pose, Solution
+from mien.tracking.state import Closing, Mask
+from mien.video import Frame
+
+_ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
+TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
+"""Names and vertices of what is tracked: the landmarks, and after them anchors that are not reported. These lie far
+apart, and away from the eyes, which spectacles hide."""
+JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
+"""Landmarks that the jaw carries."""
+TRUSTED = 0.25
+"""Robust weight above which a landmark looks as it should."""
+_NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
+_FAR = 4.0
+"""Pixels of the crop: a landmark that seems further from its place than this is something else."""
+_SAME_PATCH = 0.9
+"""Agreement above which a patch has moved with the face."""
+
+
+class Person:
+    """Where n landmarks are in the head and what moves them, how they look, and how far either is usually off.
+
+    neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of a look that is
+    as it should be; tolerance: (n,) how much further it may be; variance: (n, 4) systematic error of a landmark's place
+    in pixels of the crop and of the angles that its patch shows.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        landmarks: Landmarks,
+        fit: FirstFrame,
+        camera: Camera,
+        settings: RealtimeSettings,
+        known_shape: ShapePosterior | None,
+    ) -> None:
+        """Learn the face of the first frame. known_shape: what an earlier pass has learned of the shape."""
+        s, n, vertices = settings, len(TRACKED), list(TRACKED.values())
+        self.settings, self.rest = s, fit.animation
+        self.face = face = learn_face(frame, landmarks, fit, camera, vertices, s)
+        self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
+        brows = np.array(["brow" in name for name in TRACKED])
+        self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
+        self.shape = deepcopy(known_shape) or ShapePosterior(
+            face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s
+        )
+        self.neutral = self.shape.mean
+        self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s)
+        self.expected = np.full(n, s.expected_distance)
+        # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
+        self.tolerance = np.full(n, s.robust_factor)
+        self.tolerance[JAW] *= s.jaw_tolerance
+        self.tolerance[_NOSE] *= s.nose_tolerance
+        angle = np.radians(s.appearance_angle_sd_deg)
+        self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
+
+    @property
+    def arrays(self) -> tuple[Array, Array]:
+        """Neutral landmarks and units as the kernels take them."""
+        return self.neutral, self.units
+
+    def posed(self, pose: Pose) -> Array:
+        """Landmarks (n, 3) in camera axes."""
+        return np.asarray((self.neutral + self._moved(pose.animation)) @ pose.R.T + pose.t)
+
+    def residual(self, solution: Solution, landmarks: Mask) -> Float32:
+        """(k, 128): what was seen of k landmarks at full resolution less the mean that was expected there."""
+        tilt, pan = angles = solution.pose.angles
+        appearance = self.face.fine.appearance
+        mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0], landmarks)
+        return np.asarray(solution.y[landmarks] - mean - self.adaptation.offset(angles)[landmarks])
+
+    def closing(self, solution: Solution) -> Closing | None:
+        """How far the eyes have closed."""
+        eyes = self.eyes
+        return closing_of(self.residual(solution, eyes), self.face.fine.eyes[:, eyes], solution.facing[eyes])
+
+    def adapted(self, level: Level, pose: Pose) -> Float32:
+        """What is added to the means of a level at a pose (n, 128)."""
+        known = self.adaptation.begun and level is self.face.fine
+        return self.adaptation.offset(pose.angles) if known else self.adaptation.nothing
+
+    def misplaced(self, level: Level, animation: Array) -> Array:
+        """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
+        units do. animation: the last frame's: in this frame's guess an error would excuse itself."""
+        error = self.settings.unit_error * level.descriptor.pixels_per_unit * self._moved(animation - self.rest)
+        variance = self.variance.copy()
+        variance[:, :2] += (error * error).sum(axis=1, keepdims=True)
+        return variance
+
+    def learn(self, solution: Solution, pose: Pose, agreement: Array) -> None:
+        """From a frame in which the face looks as it should. agreement: (n,) of each patch with the motion before."""
+        s, w = self.settings, solution.w
+        trusted = solution.facing & (w > TRUSTED)
+        self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
+        # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
+        np.maximum(self.expected, s.least_distance, out=self.expected)
+        self._weigh(solution)
+        moved_along = self.eyes & (agreement > _SAME_PATCH)
+        strange = solution.facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
+        if strange.any():
+            self.adaptation.learn(pose.angles, self.residual(solution, strange), strange)
+        if s.learn_shape:
+            self._learn_shape(solution, pose)
+
+    def _weigh(self, solution: Solution) -> None:
+        """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
+        s = self.settings
+        found = solution.facing & (solution.w > 1e-3)
+        variance = s.location_sd**2 + solution.misplacement(_FAR)
+        self.variance[:, :2] += (s.location_rate * found * (variance - self.variance[:, 0]))[:, None]
+
+    def _learn_shape(self, solution: Solution, pose: Pose) -> None:
+        s, (tilt, pan) = self.settings, pose.angles
+        expression = pose.animation - self.rest
+        worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
+        novelty = self.shape.novelty(tilt, pan, worth)
+        if novelty < s.least_novelty:
+            return
+        regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
+        weight = novelty * solution.w
+        Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
+        self.neutral = self.shape.add(self.neutral, Lambda, gradient)
+
+    def _moved(self, animation: Array) -> Array:
+        """How far (n, 3) an animation moves the landmarks, head axes."""
+        return np.asarray((animation @ self.units.reshape(6, -1)).reshape(-1, 3))
