@@ -77,8 +77,8 @@ def nods_deg(R: Array, blinks: list[tuple[int, int]]) -> Array:
 
 
 def compared(track: mien.Track, opening: dict[int, float]) -> list[str]:
-    """Of `eyes_closed`: correlation with the opening; median where that is below 0.4 of the one with which tracking
-    began, and 95th percentile where it is above 0.9, with the frames."""
+    """Of `eyes_closed`: correlation with how much is gone of the opening with which tracking began; median where less
+    than 0.4 of that is left, and 95th percentile where more than 0.9 is, with the frames."""
     frames = [i for i in opening if i < len(track)]
     begun = opening.get(track.status.index("initialized"), np.nan)
     if track.eyes_closed is None or not np.isfinite(begun):
@@ -87,7 +87,7 @@ def compared(track: mien.Track, opening: dict[int, float]) -> list[str]:
     known = np.isfinite(told)
     told, seen = told[known], seen[known]
     shut, wide = told[seen < SHUT], told[seen > OPEN]
-    cells = [f"{-correlation(told, seen):.2f}"]
+    cells = [f"{correlation(told, np.maximum(1 - seen, 0)):.2f}"]
     cells += [f"{np.median(shut):.2f} ({len(shut)})" if len(shut) else ""]
     return [*cells, f"{np.percentile(wide, 95):.2f} ({len(wide)})" if len(wide) else ""]
 
