@@ -54,10 +54,18 @@ def test_eyes_that_look_otherwise_are_rather_open(residual: Float32) -> None:
 
 
 def test_what_lies_far_beside_the_way_says_little() -> None:
-    near, far = (_closing(SHUT + amount * OTHER) for amount in (0.5, 3.0))
-    assert near.share > 0.7
-    assert far.share < near.share
-    assert far.sd > 1.3 * near.sd
+    near, far = (_closing(0.5 * HALF + amount * OTHER) for amount in (0.1, 1.0))
+    assert near.share == pytest.approx(0.2, abs=0.02)
+    assert far.share < 0.5 * near.share
+    assert far.sd > 1.2 * near.sd
+
+
+def test_eyes_that_were_closed_are_believed_sooner_to_be_so() -> None:
+    residual = 0.5 * HALF + 0.9 * OTHER
+    opened, shut = (closing_of(residual, CHANGES, SEEN, before) for before in (None, Closing(1.0, 0.1)))
+    assert opened is not None
+    assert shut is not None
+    assert shut.share > 1.5 * opened.share
 
 
 def test_a_glance_aside_is_no_closing() -> None:

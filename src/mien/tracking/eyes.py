@@ -4,7 +4,8 @@ What eyes look like that are half closed and shut is known from the first frame,
 them. In the space of the descriptors a closing eye goes from the look of the first frame by way of the one to the
 other: where along this way is what is seen? The noise about it, from expressions, light or a hand, is different in
 every frame and not known, so the posterior is that of Student's t: a look far beside the way says little, and the
-prior, that eyes are mostly open, decides. Eyes that look aside are drawn as well, and may explain a part.
+prior, that eyes are mostly open, and stay closed for a while where they are not, decides. Eyes that look aside are
+drawn as well, and may explain a part.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ _SHUT = 1.25
 """Where real eyes are shut. This and the rest are from eyes whose closing is known (docs/benchmark.md)."""
 _DIMENSIONS = 40
 """Independent entries in the noise of both eyes' descriptors."""
-_CLOSING = 0.15
-"""Prior probability that eyes are closing, by any amount."""
+_BEGINS, _LASTS = 0.07, 0.35
+"""Prior probability that eyes are closing, by any amount: where they were open in the last frame, and shut."""
 _OPEN_SD = 0.05
 """Standard deviation of what open eyes move along the way."""
 _ASIDE = 0.005
@@ -38,15 +39,16 @@ _HALF, _BEYOND = np.minimum(2 * _WAY, 1.0), np.maximum(2 * _WAY - 1, 0.0)
 _BESIDE = np.stack([np.ones(len(_WAY)), _BEYOND - _HALF, -_BEYOND], axis=1)
 """(31, 3): what is seen, less half closed and shut eyes by their shares, is what lies beside each place."""
 _OPEN = np.exp(-0.5 * (_WAY / _OPEN_SD) ** 2)
-_PRIOR = (1 - _CLOSING) * _OPEN / _OPEN.sum() + _CLOSING / len(_WAY)
+_OPEN /= _OPEN.sum()
 _CLOSED = np.minimum(_WAY / _SHUT, 1.0)
 
 
-def closing_of(residual: Float32, changes: Float32, seen: Mask) -> Closing | None:
+def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing | None = None) -> Closing | None:
     """How far eyes have closed that look so; None where nothing of them is seen, or they were closed to begin with.
 
     residual (n, 128): what was seen of their landmarks less what was expected; changes (4, n, 128): what eyes add to
-    that which are half closed, shut, look to one side, and to the other; seen (n,): landmarks that face the camera.
+    that which are half closed, shut, look to one side, and to the other; seen (n,): landmarks that face the camera;
+    before: how far they had closed in the last frame.
     """
     looks = np.concatenate([residual[None], changes])[:, seen].reshape(5, -1)
     products = (looks @ looks.T).astype(np.float64)
@@ -55,7 +57,9 @@ def closing_of(residual: Float32, changes: Float32, seen: Mask) -> Closing | Non
     ahead = _log_likelihood(products[:3, :3])
     beside = _log_likelihood(_without_glances(products))
     most = max(ahead.max(), beside.max())
-    probability = _PRIOR * (np.exp(ahead - most) + _ASIDE * np.exp(beside - most))
+    closing = _BEGINS + (_LASTS - _BEGINS) * (before.share if before else 0.0)
+    prior = (1 - closing) * _OPEN + closing / len(_WAY)
+    probability = prior * (np.exp(ahead - most) + _ASIDE * np.exp(beside - most))
     probability /= probability.sum()
     share = float(probability @ _CLOSED)
     variance = float(probability @ np.square(_CLOSED - share))

@@ -89,10 +89,10 @@ class Person:
         mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0], landmarks)
         return np.asarray(solution.y[landmarks] - mean - self.adaptation.offset(angles)[landmarks])
 
-    def closing(self, solution: Solution) -> Closing | None:
-        """How far the eyes have closed."""
+    def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
+        """How far the eyes have closed. before: the same of the last frame."""
         eyes = self.eyes
-        return closing_of(self.residual(solution, eyes), self.face.fine.eyes[:, eyes], solution.facing[eyes])
+        return closing_of(self.residual(solution, eyes), self.face.fine.eyes[:, eyes], solution.facing[eyes], before)
 
     def adapted(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""

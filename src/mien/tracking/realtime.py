@@ -182,7 +182,7 @@ class RealtimeTracker:
                 if fine.energy < best.energy:
                     view, best = again, fine
             moved = predicted
-        self.closing = self.person.closing(best)
+        self.closing = self.person.closing(best, self.closing)
         unlike = best.misfit(self.person.expected) > s.retry_distance
         if self.closing and self.closing.share > s.closing_share and not (unlike or self.lost_frames):
             view, best, moved = self._without_eyes(view, predicted)
