@@ -22,6 +22,8 @@ from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import EYES_CLOSED
 
 OPEN, CLOSED, HALF = 0.1, 0.6, 0.5
+COLUMNS = ("", "open", "mean", "largest", "beyond 0.5 (%)", "closing", "error", "in 90 % (%)", "closed")
+COLUMNS += ("beyond 0.5 (%)", "correlation")
 
 
 def told(run: Run) -> Array:
@@ -40,21 +42,14 @@ def row(kind: str, figures: Array) -> str:
     truth, estimate, sd = figures.T
     open_, closing, closed = truth < OPEN, truth >= OPEN, truth > CLOSED
     error = estimate - truth
-    cells = [str(open_.sum()), f"{estimate[open_].mean():.2f}", f"{estimate[open_].max():.2f}"]
-    cells += [f"{100 * (estimate[open_] > HALF).mean():.1f}", str(closing.sum())]
+    cells: list[object] = [open_.sum(), f"{estimate[open_].mean():.2f}", f"{estimate[open_].max():.2f}"]
+    cells += [f"{100 * (estimate[open_] > HALF).mean():.1f}", closing.sum()]
     if closing.any():
-        cells += [
-            f"{np.abs(error[closing]).mean():.2f}",
-            f"{100 * coverage(error[closing], sd[closing], ANGLE_LEVEL):.0f}",
-        ]
-        cells += [
-            str(closed.sum()),
-            f"{100 * (estimate[closed] > HALF).mean():.0f}",
-            f"{correlation(truth, estimate):.2f}",
-        ]
-    else:
-        cells += [""] * 5
-    return f"| {kind} | {' | '.join(cells)} |"
+        inside = coverage(error[closing], sd[closing], ANGLE_LEVEL)
+        cells += [f"{np.abs(error[closing]).mean():.2f}", f"{100 * inside:.0f}", closed.sum()]
+        cells += [f"{100 * (estimate[closed] > HALF).mean():.0f}", f"{correlation(truth, estimate):.2f}"]
+    cells += [""] * (len(COLUMNS) - 1 - len(cells))
+    return f"| {kind} | {' | '.join(map(str, cells))} |"
 
 
 def main() -> None:
@@ -63,19 +58,7 @@ def main() -> None:
     every: dict[str, list[Array]] = {}
     for sequence in load_dataset("rendered", parser.parse_args().path):
         every.setdefault(sequence.kind, []).append(told(prepare(sequence)))
-    columns = (
-        "",
-        "open",
-        "mean",
-        "largest",
-        "beyond 0.5 (%)",
-        "closing",
-        "error",
-        "in 90 % (%)",
-        "closed",
-        "beyond 0.5 (%)",
-    )
-    print(f"| {' | '.join((*columns, 'correlation'))} |", "|---" * (len(columns) + 1) + "|", sep="\n")
+    print(f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", sep="\n")
     for kind, of_kind in every.items():
         print(row(kind, np.concatenate(of_kind)))
 

@@ -143,7 +143,7 @@ def test_a_blink_is_no_nod() -> None:
     np.testing.assert_array_equal(np.flatnonzero(~seen), np.arange(blink.start, blink.stop))
     told = np.array([e.closing.share for e in estimates if e.closing is not None])
     assert len(told) == FRAMES
-    np.testing.assert_allclose(told[blink], CLOSING, atol=0.2)
+    np.testing.assert_allclose(told[blink], CLOSING, atol=0.16)
     assert np.delete(told, np.arange(blink.start, blink.stop)).max() < 0.1
     tilt = _tilt_deg(estimates)
     nod = np.abs(tilt[blink] - tilt[FIRST_BLINK - 1])

@@ -116,12 +116,12 @@ class Track:
     @cached_property
     def eyes_closed(self) -> Array | None:
         """(n,) how far both eyes have closed since the frame in which tracking began, 1 being shut."""
-        return self._numbers(EYES_CLOSED) if EYES_CLOSED in self.table.column_names else None
+        return self._vector(EYES_CLOSED)
 
     @cached_property
     def eyes_closed_sd(self) -> Array | None:
         """(n,) standard deviation of `eyes_closed`."""
-        return self._numbers(EYES_CLOSED_SD) if EYES_CLOSED_SD in self.table.column_names else None
+        return self._vector(EYES_CLOSED_SD)
 
     @cached_property
     def landmarks(self) -> Array | None:
@@ -184,6 +184,9 @@ class Track:
     def _numbers(self, name: str) -> Array:
         column = self.table.column(name).combine_chunks()
         return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
+
+    def _vector(self, name: str) -> Array | None:
+        return self._numbers(name) if name in self.table.column_names else None
 
     def _matrix(self, names: Sequence[str]) -> Array | None:
         if not names or not set(names) <= set(self.table.column_names):

@@ -107,7 +107,7 @@ class Person:
         variance[:, :2] += (error * error).sum(axis=1, keepdims=True)
         return variance
 
-    def learn(self, solution: Solution, pose: Pose, agreement: Array) -> None:
+    def learn(self, solution: Solution, agreement: Array) -> None:
         """From a frame in which the face looks as it should. agreement: (n,) of each patch with the motion before."""
         s, w = self.settings, solution.w
         trusted = solution.facing & (w > TRUSTED)
@@ -118,9 +118,9 @@ class Person:
         moved_along = self.eyes & (agreement > _SAME_PATCH)
         strange = solution.facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
         if strange.any():
-            self.adaptation.learn(pose.angles, self.residual(solution, strange), strange)
+            self.adaptation.learn(solution.pose.angles, self.residual(solution, strange), strange)
         if s.learn_shape:
-            self._learn_shape(solution, pose)
+            self._learn_shape(solution)
 
     def _weigh(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
@@ -129,8 +129,9 @@ class Person:
         variance = s.location_sd**2 + solution.misplacement(_FAR)
         self.variance[:, :2] += (s.location_rate * found * (variance - self.variance[:, 0]))[:, None]
 
-    def _learn_shape(self, solution: Solution, pose: Pose) -> None:
-        s, (tilt, pan) = self.settings, pose.angles
+    def _learn_shape(self, solution: Solution) -> None:
+        s, pose = self.settings, solution.pose
+        tilt, pan = pose.angles
         expression = pose.animation - self.rest
         worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
         novelty = self.shape.novelty(tilt, pan, worth)

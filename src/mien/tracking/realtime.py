@@ -122,8 +122,8 @@ class RealtimeTracker:
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
         familiar = familiarity(solution.telling, self.pose.R, self.first.R)
-        if familiar > 0.5 and solution.misfit(self.person.expected) < s.retry_distance:
-            self.person.learn(solution, self.pose, self.motion.agreement)
+        if familiar > 0.5 and not self._unlike(solution):
+            self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         same = self._remember(view, solution) > SAME_CORRELATION and status is Status.TRACKED
@@ -172,8 +172,7 @@ class RealtimeTracker:
         view = self._look(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._move(view, predicted)
         view, best = self._fine(frame, moved, view=view)
-        unlike = best.misfit(self.person.expected) > s.retry_distance
-        if unlike and (moved is predicted or best.share(s.seen_distance) < s.retry_share):
+        if self._unlike(best) and (moved is predicted or best.share(s.seen_distance) < s.retry_share):
             if moved is not predicted:
                 view, best = self._fine(frame, predicted)
             for start in (predicted.pose, self.pose):
@@ -183,11 +182,15 @@ class RealtimeTracker:
                     view, best = again, fine
             moved = predicted
         self.closing = self.person.closing(best, self.closing)
-        unlike = best.misfit(self.person.expected) > s.retry_distance
-        if self.closing and self.closing.share > s.closing_share and not (unlike or self.lost_frames):
+        blinking = self.closing is not None and self.closing.share > s.closing_share
+        if blinking and not self.lost_frames and not self._unlike(best):
             view, best, moved = self._without_eyes(view, predicted)
         best = self._open_mouth(view, best, moved)
         return view, best if self.lost_frames else self._hold(predicted.pose, best)
+
+    def _unlike(self, found: Solution) -> bool:
+        """Whether what was found does not look like the face."""
+        return found.misfit(self.person.expected) > self.settings.retry_distance
 
     def _hold(self, predicted: Pose, found: Solution) -> Solution:
         """Few landmarks say less of the pose than that a head moves little in a frame: the pose between what is
