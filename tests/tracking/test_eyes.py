@@ -134,6 +134,15 @@ def _tilt_deg(estimates: list[Estimate]) -> Array:
     return np.asarray(np.degrees(wrong[:, 2, 1]))
 
 
+def test_where_the_face_is_lost_nothing_is_remembered_of_its_eyes() -> None:
+    tracker, (first, second, *_) = RealtimeTracker(), _blinking().frames
+    tracker.initialize(first, face().landmarks, face().camera)
+    noise = np.random.default_rng(0).integers(0, 255, second.pixels.shape, dtype=np.uint8)
+    assert tracker.closing is not None
+    assert tracker.track(replace(second, pixels=noise)).closing is None
+    assert tracker.closing is None
+
+
 def test_a_blink_is_no_nod() -> None:
     estimates = run(RealtimeTracker(), _blinking())
     assert all(estimate.confidence > 0.9 for estimate in estimates)

@@ -133,7 +133,7 @@ class RealtimeTracker:
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""
         self.lost_frames += 1
-        self.velocity = np.zeros(12)
+        self.velocity, self.closing = np.zeros(12), None
         outside = self.camera.in_image(self.person.posed(solution.pose), frame.width, frame.height).mean() < 0.5
         unlike = "the image is blank" if is_blank(view.image) else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
