@@ -70,9 +70,11 @@ def learn_face(
     surface = face_surface(landmarks, fit, camera)
     points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
     normals = _normals_at(points, surface, camera) @ fit.R
-    pixels = camera.project(points)[0]
-    eyes = tuple(_with_eyes(frame, pixels, draw, share) for draw, share in _EYES)
-    posed = _PosedFace(frame, eyes, surface, (points - fit.t) @ fit.R, normals, fit, camera)
+    part, near = _cut_out(frame, surface, camera)
+    pixels = near.project(points)[0]
+    eyes = tuple(_with_eyes(part, pixels, draw, share) for draw, share in _EYES)
+    background = float(frame.gray.mean())
+    posed = _PosedFace(part, eyes, background, surface, (points - fit.t) @ fit.R, normals, fit, near)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = (_patches_on(surface, points, fit, camera, settings) - points[:, None]) @ fit.R
@@ -81,10 +83,12 @@ def learn_face(
 
 @dataclass(frozen=True)
 class _PosedFace:
-    """The first frame's face: points and normals (n, 3) in head axes; the frame as it is, and as `_EYES` says."""
+    """The first frame's face: points and normals (n, 3) in head axes; the part of the frame that shows it, as it is and
+    as `_EYES` says, its camera, and the grey of what is behind."""
 
     frame: Frame
     eyes: tuple[Frame, ...]
+    background: float
     surface: Surface
     points: Array
     normals: Array
@@ -100,7 +104,6 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     size = round(CROP_UNITS * d.pixels_per_unit)
     # The head stands on the optical axis: what a view shows depends on the ray to the head, not on its place.
     view = Camera.centred(d.pixels_per_unit * distance, size, size)
-    background = float(texture.image.mean())
     limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
     evenly = np.linspace(-1, 1, s.views_per_angle)
     angles = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
@@ -109,7 +112,7 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
 
     def look(posed: tuple[Array, Array], picture: Texture, light: Array | None = None) -> Float32:
         vertices, points = posed
-        image = render(vertices, triangles, picture, view, size, size, background, light).image[:, :, 0]
+        image = render(vertices, triangles, picture, view, size, size, face.background, light).image[:, :, 0]
         maps = orientation_maps(blurred(image, d.blur), d.cell)
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
         return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0]
@@ -132,6 +135,15 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
     )
     return Level(d, size, appearance, np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))]))
+
+
+def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Camera]:
+    """The part of a frame that shows the surface, and its camera: what learning costs depends on the face alone."""
+    pixels, size = camera.project(surface.vertices)[0], np.array([frame.width, frame.height])
+    x0, y0 = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, size - 1)
+    x1, y1 = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 1, size)
+    part = replace(frame, pixels=frame.pixels[y0:y1, x0:x1])
+    return part, replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
 
 
 def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
