@@ -12,6 +12,7 @@ from mien.appearance.regression import PoseRegression
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.errors import MienError
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.synthetic import make_sequence, moved
@@ -57,6 +58,26 @@ def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
     np.testing.assert_array_equal(dark.coefficients, lit.coefficients)
     variance = [1 / (1e3 + a.gain) for a in (dark, lit)]  # I / floor + U^T diag(gain) U, the floor being 1e-3
     assert (variance[1] > variance[0]).mean() > 0.9
+
+
+def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
+    first, landmarks, camera = sequence().frames[0], face().landmarks, face().camera
+    left, top = 300, 170
+    pixels = np.full((first.height + 2 * top, first.width + left, 3), round(float(first.gray.mean())), np.uint8)
+    pixels[top : top + first.height, left:] = first.pixels
+
+    def learned(frame: Frame, landmarks: Landmarks, camera: Camera) -> PoseRegression:
+        tracker = RealtimeTracker()
+        tracker.initialize(frame, landmarks, camera)
+        return tracker.face.fine.appearance
+
+    small = learned(first, landmarks, camera)
+    large = learned(
+        replace(first, pixels=pixels),
+        replace(landmarks, points=landmarks.points + [left, top]),
+        replace(camera, cx=camera.cx + left, cy=camera.cy + top),
+    )
+    np.testing.assert_allclose(large.coefficients, small.coefficients, atol=0.01)
 
 
 def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
