@@ -24,6 +24,7 @@ LAYERS = (
     ("output",),
     ("start",),
     ("pipeline",),
+    ("live",),
     ("evaluation",),
     ("baselines",),
     ("demo",),

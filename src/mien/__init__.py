@@ -16,9 +16,21 @@ _HOME = {
     "MienError": "mien.errors",
     "Track": "mien.output.track",
     "Tracker": "mien.tracking.state",
+    "stream": "mien.live",
     "track": "mien.pipeline",
 }
-__all__ = ["Camera", "Candide", "Estimate", "Landmarks", "MienError", "Track", "Tracker", "__version__", "track"]
+__all__ = [
+    "Camera",
+    "Candide",
+    "Estimate",
+    "Landmarks",
+    "MienError",
+    "Track",
+    "Tracker",
+    "__version__",
+    "stream",
+    "track",
+]
 
 
 def __getattr__(name: str) -> Any:

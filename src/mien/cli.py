@@ -125,6 +125,7 @@ def track(
     fov: Fov = None,
     overlay: Annotated[Path | None, typer.Option(help="Video with mesh, landmarks and axes: .mp4.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png.")] = None,
+    show: Annotated[bool, typer.Option("--show", help="The same in a window, while it is tracked; Esc stops.")] = False,
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
@@ -154,6 +155,7 @@ def track(
             save=output,
             overlay=overlay,
             plot=plot,
+            show=show,
         )
     if not quiet:
         typer.echo(f"{len(result)} frames, the face lost in {result.lost}")

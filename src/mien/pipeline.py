@@ -7,7 +7,7 @@ track.to_pandas()
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -26,6 +26,7 @@ from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import Landmarks
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
+from mien.output.window import Window, require_screen
 from mien.registry import create_tracker
 from mien.start import TURNED_DEG, Start, not_yet, prepare
 from mien.tracking.state import Estimate, Status, Tracker
@@ -70,6 +71,7 @@ def track(
     save: str | Path | None = None,
     overlay: str | Path | None = None,
     plot: str | Path | None = None,
+    show: bool = False,
 ) -> Track:
     """Track the face of a video file, a folder of images or a camera (its number).
 
@@ -78,14 +80,16 @@ def track(
     seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one of the next ten
     seconds that shows it best. passes: 2 tracks a file twice, the second time with the shape of the face that the
     first has taught: more accurate, half as fast. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an
-    `.mp4`; plot: a `.png`.
+    `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
 
-    When it is stopped (Ctrl-C, an error), what was tracked is written to `save` and `plot` before the
-    exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of the
-    first. Raises MienError for bad input.
+    When it is stopped (Ctrl-C, the window closed, an error), what was tracked is written to `save` and `plot` before
+    the exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of
+    the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
+    if show:
+        require_screen()
     source = open_video(video)
     count = expected_count(source, start, end)
     total = None if count is None else passes * count
@@ -100,7 +104,7 @@ def track(
         if turn > 1 and isinstance(tracker, RepeatableTracker):
             tracker = tracker.again()
             begin = replace(begin, frames=select(source, start, end), told=0)
-        result, tracker = _one_pass(Pass(begin, preset, tracker, turn), files, tell, last=turn == passes)
+        result, tracker = _one_pass(Pass(begin, preset, tracker, turn, show), files, tell, last=turn == passes)
         files.write(result)
     return result
 
@@ -113,6 +117,7 @@ class Pass:
     preset: str
     tracker: Tracker
     turn: int
+    show: bool
 
 
 def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
@@ -127,12 +132,12 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
                 if estimate.index >= begin.told:
                     tell(estimate)
             onwards = _next_tracker(this) if earlier else this.tracker
-            with drawing(files.overlay if last else None, this.tracker, begin.camera) as draw:
+            with drawing(files.overlay if last else None, this) as draw:
                 for frame, estimate in run(onwards, begin, earlier):
                     recorder.add(estimate)
                     draw(frame, estimate)
                     if estimate.status is Status.INITIALIZED and this.turn == 1:
-                        _warn_of_a_turned_face(estimate, begin.video.name)
+                        warn_of_a_turned_face(estimate, begin.video.name)
                     if frame.index >= begin.told and frame.index not in earlier:
                         tell(estimate)
         except BaseException as error:
@@ -155,7 +160,7 @@ def _next_tracker(this: Pass) -> Tracker:
     return this.tracker.again() if isinstance(this.tracker, RepeatableTracker) else create_tracker(this.preset)
 
 
-def _warn_of_a_turned_face(first: Estimate, name: str) -> None:
+def warn_of_a_turned_face(first: Estimate, name: str) -> None:
     """What the first frame shows is all that is known of a face, and a turned face shows half of it."""
     if first.rotation is None or first.translation is None:
         return
@@ -226,12 +231,14 @@ def run(
 
 
 @contextmanager
-def drawing(path: Path | None, tracker: Tracker, camera: Camera) -> Iterator[Callable[[Frame, Estimate], None]]:
-    """A function that draws an estimate on its frame into the video `path`, or does nothing without one."""
-    if path is None:
+def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate], None]]:
+    """A function that draws an estimate on its frame, into the video `path` and on the screen where they are wanted."""
+    if path is None and not this.show:
         yield lambda frame, estimate: None
         return
     from mien.output.overlay import Mesh, OverlayWriter, draw
+
+    tracker = this.tracker
 
     def mesh(estimate: Estimate) -> Mesh | None:
         if not isinstance(tracker, FittedTracker):
@@ -239,8 +246,18 @@ def drawing(path: Path | None, tracker: Tracker, camera: Camera) -> Iterator[Cal
         vertices = tracker.mesh(estimate)
         return None if vertices is None else Mesh(vertices, tracker.fit.model.triangles)
 
-    with OverlayWriter(path) as writer:
-        yield lambda frame, estimate: writer.write(draw(frame, estimate, mesh(estimate), camera), frame.time)
+    with ExitStack() as opened:
+        writer = opened.enter_context(OverlayWriter(path)) if path else None
+        window = opened.enter_context(Window(this.begin.video.name)) if this.show else None
+
+        def drawn(frame: Frame, estimate: Estimate) -> None:
+            picture = draw(frame, estimate, mesh(estimate), this.begin.camera)
+            if writer:
+                writer.write(picture, frame.time)
+            if window:
+                window.show(picture)
+
+        yield drawn
 
 
 def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapping[str, Any]:

@@ -74,7 +74,7 @@ def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
     small = learned(first, landmarks, camera)
     large = learned(
         replace(first, pixels=pixels),
-        replace(landmarks, points=landmarks.points + [left, top]),
+        replace(landmarks, points=landmarks.points + np.array([left, top])),
         replace(camera, cx=camera.cx + left, cy=camera.cy + top),
     )
     np.testing.assert_allclose(large.coefficients, small.coefficients, atol=0.01)

@@ -1,0 +1,66 @@
+"""Estimates while they are made: for programs that react to a face.
+
+for frame, estimate in mien.stream(0):
+    print(estimate.time, estimate.euler)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from mien.geometry.camera import Camera
+from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
+from mien.registry import create_tracker
+from mien.start import choose_camera, not_yet
+from mien.tracking.state import Estimate, Tracker
+from mien.video import Frame, Video, open_video
+
+_DOUBTED = 0.1
+"""Confidence below which this is hardly the face that was learned; of a lost one it is 0."""
+
+
+def stream(
+    video: str | Path | int,
+    *,
+    preset: str = DEFAULT_PRESET,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+    anew_after: float = math.inf,
+) -> Iterator[tuple[Frame, Estimate]]:
+    """Every frame of a camera (its number), a video file or a folder of images with its estimate, as soon as it is
+    there.
+
+    preset, camera, focal_px, fov_deg: as of `mien.track`. The face is learned in the first frame that shows one.
+    anew_after: seconds after which a face that is lost, or looks like somebody else's, is given up, and whatever face
+    is seen then is learned in its place; its first estimate has the status INITIALIZED.
+
+    Raises MienError for bad input, and where no face detector is installed.
+    """
+    create_tracker(preset)  # what is wrong with the arguments is told now and not when the first frame is asked for
+    choose = (camera, focal_px, fov_deg)
+    return _stream(open_video(video), preset, choose, anew_after)
+
+
+def _stream(
+    video: Video, preset: str, known: tuple[Camera | str | Path | None, float | None, float | None], anew_after: float
+) -> Iterator[tuple[Frame, Estimate]]:
+    from mien.initialization.detector import detect
+
+    chosen: Camera | None = None
+    tracker: Tracker | None = None
+    seen = 0.0
+    for frame in video:
+        chosen = chosen or choose_camera(frame, *known)
+        faces = detect(frame) if tracker is None or frame.time - seen > anew_after else []
+        if faces:
+            tracker = create_tracker(preset)
+            estimate = tracker.initialize(frame, faces[0], chosen)
+            warn_of_a_turned_face(estimate, video.name)
+        else:
+            estimate = tracker.track(frame) if tracker else not_yet(frame)
+        if estimate.confidence > _DOUBTED:
+            seen = frame.time
+        yield frame, estimate

@@ -1,0 +1,63 @@
+"""A window that shows pictures as they come."""
+
+from __future__ import annotations
+
+import os
+import sys
+from types import TracebackType
+
+import cv2
+
+from mien.errors import MienError, require
+from mien.video import Pixels
+
+_KEYS = (27, ord("q"))
+"""Escape and q end it."""
+_WIDEST = 1280
+"""Pixels that a window has across, at first."""
+
+
+def require_screen() -> None:
+    """Raise MienError where there is no screen: OpenCV would end the process."""
+    blind = sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    require(not blind, "there is no screen to show the video on; write one with --overlay")
+
+
+class Window:
+    """A window on the screen; closing it, Escape and q interrupt the program as Ctrl-C does.
+
+    with Window("face") as window:
+        window.show(pixels)
+    Raises MienError where there is no screen.
+    """
+
+    def __init__(self, title: str) -> None:
+        require_screen()
+        self.title, self._size = title, (0, 0)
+        try:
+            cv2.namedWindow(title, cv2.WINDOW_NORMAL | cv2.WINDOW_KEEPRATIO | cv2.WINDOW_GUI_NORMAL)
+        except cv2.error as error:
+            raise MienError("this OpenCV cannot show a video; write one with --overlay") from error
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._is_open():
+            cv2.destroyWindow(self.title)
+
+    def show(self, pixels: Pixels) -> None:
+        """Show (H, W, 3) RGB pixels now. Raises KeyboardInterrupt when the user has had enough."""
+        height, width = pixels.shape[:2]
+        if (width, height) != self._size:
+            self._size, shrink = (width, height), min(1.0, _WIDEST / width)
+            cv2.resizeWindow(self.title, round(shrink * width), round(shrink * height))
+        cv2.imshow(self.title, cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+        key = cv2.waitKey(1) & 0xFF
+        if key in _KEYS or not self._is_open():
+            raise KeyboardInterrupt
+
+    def _is_open(self) -> bool:
+        return cv2.getWindowProperty(self.title, cv2.WND_PROP_VISIBLE) >= 1

@@ -1,0 +1,99 @@
+"""Estimates while they are made, with a detector and a tracker that do what they are told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import mien
+from mien import live
+from mien.errors import MienError
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
+from mien.initialization import detector
+from mien.initialization.landmarks import Landmarks
+from mien.tracking.state import Estimate, Status
+from mien.video import FOLDER_FPS, Frame
+from videos import known_portrait
+
+FRAMES = 30
+SEEN = range(3, 10)
+"""Frames in which the tracker sees its face; the detector sees one from the first of them on."""
+
+
+class Told:
+    """A tracker that sees its face in `SEEN`, and for five frames after it has learned one; `doubt` is its confidence
+    in others, which are lost if it has none."""
+
+    doubt = 0.0
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        self.learned, self.camera = frame.index, camera
+        return self._estimate(frame, Status.INITIALIZED, 1.0)
+
+    def track(self, frame: Frame) -> Estimate:
+        if frame.index in SEEN or frame.index < self.learned + 5:
+            return self._estimate(frame, Status.TRACKED, 1.0)
+        return self._estimate(frame, Status.TRACKED, self.doubt) if self.doubt else Estimate.lost(frame, "told so")
+
+    def _estimate(self, frame: Frame, status: Status, confidence: float) -> Estimate:
+        R, t = FACING, np.array([0.0, 0.0, 9.0])
+        return Estimate(frame.index, frame.time, status, R, t, confidence=confidence)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for index in range(FRAMES):
+        cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((24, 32, 3), 128, np.uint8))
+    monkeypatch.setattr(live, "create_tracker", lambda name: Told())
+    monkeypatch.setattr(
+        detector, "detect", lambda frame: [known_portrait().landmarks] if frame.index >= SEEN.start else []
+    )
+    return tmp_path
+
+
+def begun(folder: Path, anew_after: float) -> list[int]:
+    """Frames in which a face was learned."""
+    estimates = [estimate for _, estimate in mien.stream(folder, anew_after=anew_after)]
+    return [e.index for e in estimates if e.status is Status.INITIALIZED]
+
+
+def test_every_frame_has_its_estimate(folder: Path) -> None:
+    pairs = list(mien.stream(folder, focal_px=40))
+    assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(FRAMES))
+    assert [estimate.reason for _, estimate in pairs[:3]] == ["no face was seen yet"] * 3
+    assert [estimate.status.success for _, estimate in pairs] == [index in SEEN for index in range(FRAMES)]
+
+
+def test_estimates_come_before_the_next_frame_is_asked_for(folder: Path) -> None:
+    estimates = mien.stream(folder)
+    for path in sorted(folder.iterdir())[5:]:
+        path.unlink()
+    assert next(estimates)[1].index == 0
+
+
+def test_a_lost_face_is_not_given_up_unless_asked(folder: Path) -> None:
+    assert begun(folder, anew_after=np.inf) == [SEEN.start]
+
+
+def test_after_a_while_another_face_is_learned(folder: Path) -> None:
+    last, later = SEEN[-1], round(0.18 * FOLDER_FPS) + 1
+    assert begun(folder, anew_after=0.18) == [SEEN.start, last + later, last + later + 4 + later]
+
+
+@pytest.mark.parametrize(("doubt", "again"), [(0.05, True), (0.3, False)])
+def test_a_face_that_looks_like_somebody_elses_is_given_up_too(
+    doubt: float, again: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Told, "doubt", doubt)
+    assert (len(begun(folder, anew_after=0.18)) > 1) is again
+
+
+def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="no such file"):
+        mien.stream(tmp_path / "missing.mp4")
+    with pytest.raises(MienError, match="unknown tracker"):
+        mien.stream(tmp_path, preset="none")
