@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
@@ -165,6 +166,33 @@ def test_camera_that_is_not_there() -> None:
     with pytest.raises(MienError, match="camera 97 cannot be opened"):
         next(iter(open_video(97)))
     assert open_video("97").name == "camera 97"
+
+
+class Device:
+    """A camera that shows three images, and that somebody then unplugs."""
+
+    def __init__(self, number: int) -> None:
+        self.images, self.released = [gradient(index)[..., ::-1] for index in range(3)], False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        return (True, self.images.pop(0)) if self.images else (False, None)
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = Device(0)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    frames = list(open_video(0))
+    assert device.released
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    assert frames[0].time == 0 < frames[1].time < frames[2].time
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.pixels, gradient(index))
 
 
 def test_folder_is_read_by_name_whatever_the_images_depth(tmp_path: Path) -> None:

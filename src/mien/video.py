@@ -7,12 +7,14 @@ scaled into it without distortion, with black borders and a warning. Frames are 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from time import perf_counter
 from typing import Any, Protocol
 
 import cv2
@@ -229,12 +231,18 @@ class CameraDevice:
         return f"camera {self.number}"
 
     def __iter__(self) -> Iterator[Frame]:
+        level = cv2.getLogLevel()
+        cv2.setLogLevel(0)  # what is wrong is said below
         device = cv2.VideoCapture(self.number)
+        cv2.setLogLevel(level)
         try:
             require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
             first: float | None = None
-            for index, image in enumerate(iter(lambda: device.read()[1], None)):
-                now = cv2.getTickCount() / cv2.getTickFrequency()
+            for index in itertools.count():
+                there, image = device.read()
+                if not there:
+                    return
+                now = perf_counter()
                 first = now if first is None else first
                 yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, now - first)
         finally:
