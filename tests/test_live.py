@@ -47,11 +47,11 @@ class Told:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for index in range(FRAMES):
-        cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((24, 32, 3), 128, np.uint8))
+        cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((240, 320, 3), 128, np.uint8))
     monkeypatch.setattr(live, "create_tracker", lambda name: Told())
-    monkeypatch.setattr(
-        detector, "detect", lambda frame: [known_portrait().landmarks] if frame.index >= SEEN.start else []
-    )
+    face = known_portrait().landmarks
+    monkeypatch.setattr(detector, "detect_once", lambda frame: face if frame.index >= SEEN.start else None)
+    monkeypatch.setattr(detector, "detect", lambda frame: [face])
     return tmp_path
 
 
@@ -62,7 +62,7 @@ def begun(folder: Path, anew_after: float) -> list[int]:
 
 
 def test_every_frame_has_its_estimate(folder: Path) -> None:
-    pairs = list(mien.stream(folder, focal_px=40))
+    pairs = list(mien.stream(folder, focal_px=500))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(FRAMES))
     assert [estimate.reason for _, estimate in pairs[:3]] == ["no face was seen yet"] * 3
     assert [estimate.status.success for _, estimate in pairs] == [index in SEEN for index in range(FRAMES)]

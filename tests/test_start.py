@@ -51,6 +51,10 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
 
     monkeypatch.setattr("mien.initialization.detector.first_with_a_face", first_with_a_face)
     monkeypatch.setattr("mien.initialization.detector.follow", follow)
+    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame: [seen(frame)])
+    monkeypatch.setattr(
+        "mien.initialization.detector.detect_once", lambda frame: None if frame.index in hidden else seen(frame)
+    )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(start, "_LOOK_EVERY", 0.2)
     return hidden
@@ -96,15 +100,32 @@ def test_what_is_behind_the_end_is_not_looked_at(detector: set[int], video: Path
     assert start.prepare(open_video(video), camera=face().camera, end=0.5).first.index == 10
 
 
-def test_a_camera_and_who_asks_for_it_begin_at_once(
-    detector: set[int], video: Path, turning: SyntheticSequence
-) -> None:
+def test_who_asks_for_it_begins_at_once(detector: set[int], video: Path, turning: SyntheticSequence) -> None:
     assert start.prepare(open_video(video), camera=face().camera, at_once=True).first.index == 0
+    assert start.prepare(Live(turning.frames), camera=face().camera, at_once=True).first.index == 0
+
+
+@pytest.mark.parametrize(("patience_s", "index"), [(3.0, 12), (0.15, 4)])
+def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
+    patience_s: float, index: int, detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(start, "_PATIENCE", patience_s)
     camera = Live(turning.frames)
-    begin = start.prepare(camera, camera=face().camera)
-    assert begin.first.index == 0
+    with pytest.warns(MienWarning, match="a face is first found"):
+        begin = start.prepare(camera, camera=face().camera)
+    assert begin.first.index == index
     assert begin.since == begin.first.time
-    assert len(list(begin.frames)) == camera.shown == len(PANS_DEG)
+    assert len(list(begin.frames)) == len(PANS_DEG) - index
+    assert camera.shown == len(PANS_DEG)
+
+
+def test_a_face_that_was_away_is_waited_for_anew(
+    detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(start, "_PATIENCE", 0.15)
+    detector.add(3)
+    patience = start.Patience(face().camera)
+    assert [bool(patience(frame)) for frame in turning.frames[:9]] == [False] * 8 + [True]
 
 
 @dataclass

@@ -13,7 +13,7 @@ from pathlib import Path
 from mien.geometry.camera import Camera
 from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
 from mien.registry import create_tracker
-from mien.start import choose_camera, not_yet
+from mien.start import Patience, choose_camera, not_yet
 from mien.tracking.state import Estimate, Tracker
 from mien.video import Frame, Video, open_video
 
@@ -33,7 +33,8 @@ def stream(
     """Every frame of a camera (its number), a video file or a folder of images with its estimate, as soon as it is
     there.
 
-    preset, camera, focal_px, fov_deg: as of `mien.track`. The face is learned in the first frame that shows one.
+    preset, camera, focal_px, fov_deg: as of `mien.track`. The face is learned in the first frame that shows one that
+    looks into the camera; after three seconds of waiting for that, as it is.
     anew_after: seconds after which a face that is lost, or looks like somebody else's, is given up, and whatever face
     is seen then is learned in its place; its first estimate has the status INITIALIZED.
 
@@ -47,17 +48,17 @@ def stream(
 def _stream(
     video: Video, preset: str, known: tuple[Camera | str | Path | None, float | None, float | None], anew_after: float
 ) -> Iterator[tuple[Frame, Estimate]]:
-    from mien.initialization.detector import detect
-
-    chosen: Camera | None = None
+    patience: Patience | None = None
     tracker: Tracker | None = None
     seen = 0.0
     for frame in video:
-        chosen = chosen or choose_camera(frame, *known)
-        faces = detect(frame) if tracker is None or frame.time - seen > anew_after else []
+        if patience is None:
+            patience = Patience(choose_camera(frame, *known))
+        faces = patience(frame) if tracker is None or frame.time - seen > anew_after else []
         if faces:
             tracker = create_tracker(preset)
-            estimate = tracker.initialize(frame, faces[0], chosen)
+            estimate = tracker.initialize(frame, faces[0], patience.camera)
+            patience = Patience(patience.camera)
             warn_of_a_turned_face(estimate, video.name)
         else:
             estimate = tracker.track(frame) if tracker else not_yet(frame)

@@ -1,7 +1,7 @@
 """What tracking begins with: the camera, and a frame with its landmarks.
 
-Tracking begins in the first frame that shows a face; in a file in that of the ten seconds from there in which the face
-is best learned. From there it goes both ways.
+In a file tracking begins in the frame, of the ten seconds after the first face, in which the face is best learned, and
+goes both ways from there; with a camera, in the first frame in which the face looks into it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from mien.errors import MienError, require, warn
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
-from mien.initialization.fit import fit_first_frame
+from mien.initialization.fit import fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks
 from mien.initialization.looks import expected_errors
@@ -31,6 +31,8 @@ _LEAST_GAIN = 0.12
 """What a later frame must gain: so much of the error of a track that begins at rest."""
 TURNED_DEG = 15.0
 """Turn of the face where tracking begins beyond which errors are twice as large (docs/benchmark.md)."""
+_PATIENCE = 3.0
+"""Seconds that a camera waits for a face to look into it."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def prepare(
     tell: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Start:
     """Choose the camera, find the face: where landmarks are given, in their frame; else in the first frame that shows
-    one, and `tell` hears of those that show none, or, unless `at_once`, in a later one from which it is better learned.
+    one, and `tell` hears of those before it, or, unless `at_once`, in a later one from which it is better learned.
     Raises MienError for bad input."""
     frames = select(source, start, end)
     earliest = next(frames)
@@ -69,7 +71,8 @@ def prepare(
     told = 0
     if landmarks is None:
         search = chain([earliest], frames)
-        first, landmarks = find_face(search, source.name, without_face=lambda frame: tell(not_yet(frame)))
+        patience = None if again or at_once else Patience(chosen)
+        first, landmarks = find_face(search, source.name, lambda frame: tell(not_yet(frame)), patience)
         told = first.index
         if again and not at_once:
             first, landmarks = best_look(first, landmarks, chosen, source, end)
@@ -122,9 +125,36 @@ def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> F
     return first
 
 
-def find_face(frames: Iterable[Frame], name: str, without_face: Callable[[Frame], None]) -> tuple[Frame, Landmarks]:
-    """The first frame with a face, and the largest that is there; `without_face` is called with those before it. Raises
-    MienError if there is none; warns where it is not the first of the frames, or has several faces."""
+class Patience:
+    """What looks for the face of a camera, which shows every frame once, so that there is no better one to go back to:
+    it waits a while for the face to look into the camera."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self.since: float | None = None
+
+    def __call__(self, frame: Frame) -> list[Landmarks]:
+        """The faces of a frame, the largest first, if it is one to begin with. Raises MienError where MediaPipe is not
+        installed."""
+        from mien.initialization.detector import detect, detect_once
+
+        face = detect_once(frame)
+        if face is None:
+            self.since = None
+            return []
+        if self.since is None:
+            self.since = frame.time
+        fit = fit_first_frame(face, self.camera)
+        wait = turned_deg(fit.R, fit.t) > TURNED_DEG and frame.time - self.since < _PATIENCE
+        return [] if wait else detect(frame)
+
+
+def find_face(
+    frames: Iterable[Frame], name: str, without_face: Callable[[Frame], None], patience: Patience | None = None
+) -> tuple[Frame, Landmarks]:
+    """The first frame with a face, or the first with which patience would begin, and the largest face that is there;
+    `without_face` is called with those before it. Raises MienError if there is none; warns where it is not the first of
+    the frames, or has several faces."""
     from mien.initialization.detector import first_with_a_face
 
     times: list[float] = []
@@ -135,7 +165,10 @@ def find_face(frames: Iterable[Frame], name: str, without_face: Callable[[Frame]
             yield frame
             without_face(frame)
 
-    found = first_with_a_face(noted())
+    if patience is None:
+        found = first_with_a_face(noted())
+    else:
+        found = next(((frame, faces) for frame in noted() if (faces := patience(frame))), None)
     if found is None:
         raise MienError(
             f"{name}: no face was found in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "

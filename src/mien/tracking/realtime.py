@@ -126,7 +126,7 @@ class RealtimeTracker:
             self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        same = self._remember(view, solution) > SAME_CORRELATION and status is Status.TRACKED
+        same = self._remember(view, solution) > SAME_CORRELATION
         self.known = max(self.known, self.known + RECOGNITION_RATE * (familiar - self.known)) if same else 0.0
         return self._estimate(frame, status, solution)
 
