@@ -89,16 +89,32 @@ def test_frames_of_noise() -> None:
     assert errors[23 + BACK_WITHIN :].max() < CLOSE_DEG
 
 
-def test_after_a_loss_it_takes_a_while_until_the_face_is_known_again() -> None:
+def _known(agreement: float | None, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """How far it is known whose face it is, after each frame, where three are black; agreement: of the face that is
+    there then with the one before, as it is if None."""
     truth = _changed(lambda image: 0 * image, range(10, 13))
     tracker, known = RealtimeTracker(), []
     tracker.initialize(truth.frames[0], face().landmarks, face().camera)
     for frame in truth.frames[1:]:
-        tracker.track(frame)
+        if frame.index == 13 and agreement is not None:
+            with monkeypatch.context() as patch:
+                patch.setattr(tracker, "_remember", lambda view, solution: agreement)
+                tracker.track(frame)
+        else:
+            tracker.track(frame)
         known.append(tracker.known)
-    assert min(known[:9]) > 0.99
-    assert known[12] == 0
-    assert 0.05 < known[13] < 0.2
+    assert min(known[:12]) > 0.99
+    return known[12:]
+
+
+def test_a_face_that_is_the_same_after_a_loss_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert min(_known(None, monkeypatch)) > 0.99
+
+
+def test_after_a_loss_it_takes_a_while_until_another_face_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = _known(0.5, monkeypatch)
+    assert known[0] == 0
+    assert 0.05 < known[1] < 0.2
     assert known[-1] > 0.85
 
 
