@@ -15,8 +15,8 @@ import numpy as np
 
 import mien
 from mien.errors import MienWarning
-from mien.evaluation.datasets.talking_face import VIDEO_SUFFIXES
 from mien.geometry.rotation import Array, angle_between, matrix_from_euler
+from mien.video import VIDEO_SUFFIXES
 
 
 def videos_of(folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ import mien
 
 LAYERS = (
     ("_version", "errors"),
-    ("files", "compiled"),
+    ("files", "compiled", "processes"),
     ("config",),
     ("video",),
     ("geometry",),
@@ -24,11 +24,12 @@ LAYERS = (
     ("output",),
     ("start",),
     ("pipeline",),
-    ("live",),
+    ("live", "batch"),
     ("evaluation",),
     ("baselines",),
     ("demo",),
     ("cli",),
+    ("__main__",),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 ROOT = Path(mien.__file__).parent

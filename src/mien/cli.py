@@ -163,6 +163,47 @@ def track(
 
 
 @app.command()
+def batch(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATHS", help="Videos, and folders that hold videos.")],
+    out: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the tables.")],
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Videos at the same time; one for each processor if not given.")
+    ] = None,
+    preset: Annotated[str, typer.Option(help="The tracker.")] = "realtime",
+    camera: CameraFile = None,
+    focal: Focal = None,
+    fov: Fov = None,
+    overlay: Annotated[bool, typer.Option("--overlay", help="An overlay video beside each table.")] = False,
+    plot: Annotated[bool, typer.Option("--plot", help="A plot beside each table.")] = False,
+    start: Start = None,
+    end: End = None,
+    at_once: AtOnce = False,
+    passes: Annotated[int, typer.Option(min=1, max=2, help="As of mien track.")] = 1,
+    again: Annotated[bool, typer.Option("--again", help="Track again what is tracked already.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Track many videos, several at a time, go on where an earlier run stopped, and write a summary."""
+    from mien.batch import FAILED, KEPT, SUMMARY, TRACKED, Wish, track_all
+    from mien.processes import progress_bar
+
+    given = {"--camera": camera, "--focal": focal, "--fov": fov, "--start": start, "--end": end}
+    arguments = [text for name, value in given.items() if value is not None for text in (name, str(value))]
+    wish = Wish(preset, passes, (*arguments, *["--at-once"] * at_once), overlay, plot, again)
+    with progress_bar("looking for videos", quiet) as progress:
+        rows = track_all(paths, out, wish, jobs, progress)
+    count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}
+    if not quiet:
+        kept = f", {count[KEPT]} were before" if count[KEPT] else ""
+        typer.echo(f"{count[TRACKED]} of {len(rows)} videos tracked{kept}")
+        typer.echo(f"wrote {out / SUMMARY}")
+    for row in rows:
+        if row.state == FAILED:
+            _say(f"mien: {row.note}")
+    if count[FAILED]:
+        raise MienError(f"{count[FAILED]} of {len(rows)} videos could not be tracked; {out / SUMMARY} has them all")
+
+
+@app.command()
 def landmarks(
     video: Video,
     output: Annotated[

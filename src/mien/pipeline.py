@@ -78,9 +78,9 @@ def track(
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
     camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
     seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one of the next ten
-    seconds that shows it best, of a camera, where it first looks into it. passes: 2 tracks a file twice, the second time with the shape of the face that the
-    first has taught: more accurate, half as fast. save: where NAME.csv, NAME.json and NAME.parquet go; overlay: an
-    `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
+    seconds that shows it best, of a camera, where it first looks into it. passes: 2 tracks a file twice, the second
+    time with the shape of the face that the first has taught: more accurate, half as fast. save: where NAME.csv,
+    NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
 
     When it is stopped (Ctrl-C, the window closed, an error), what was tracked is written to `save` and `plot` before
     the exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of

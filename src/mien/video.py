@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from mien.errors import MienError, require, warn
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
+"""What is a video where a folder is searched for them; a file that is named may have any ending."""
 FOLDER_FPS = 25.0
 """Frames per second of a folder of images, which carries no time."""
 HELD_BYTES = 1 << 29

@@ -12,10 +12,10 @@ import pytest
 from evaluation import tiny
 from mien.errors import MienError
 from mien.evaluation.benchmark import run_plan
-from mien.evaluation.isolate import Command, run_commands
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.scores import load_scores
+from mien.processes import Command, run_commands
 
 STILL, SHIFTED = "evaluation.tiny:Still", "evaluation.tiny:Shifted"
 
@@ -134,7 +134,7 @@ def test_commands_in_processes() -> None:
         python("import sys; sys.exit('alas')"),
     ]
     started: list[str] = []
-    ended = dict(run_commands(commands, 2, 60.0, started.append))
+    ended = {one.place: one.reason for one in run_commands(commands, 2, 60.0, started.append)}
     assert ended == {0: "", 1: "too late", 2: "the process ended with status 3", 3: "alas"}
     assert started == [c.name for c in commands]
     with pytest.raises(MienError, match="at least 1"):

@@ -18,24 +18,24 @@ from mien._version import __version__
 from mien.errors import MienError, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence as DataSequence
-from mien.evaluation.isolate import Command, run_commands
 from mien.evaluation.job import Job
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
+from mien.processes import Command, Progress, run_commands
 
 DEFAULT_TIME_LIMIT = 1800.0
 """Seconds that one tracker may take for one sequence."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Jobs beside each other would fight for the cores, one thread always adds up in the same order, and a speed
+"""Processes beside each other would fight for the cores, one thread always adds up in the same order, and a speed
 is that of one core. MediaPipe takes the threads that it wants all the same."""
 
-NOT_OF_A_TRACK = ("evaluation", "output", "cli.py", "demo.py", "pipeline.py", "synthetic.py")
+NOT_OF_A_TRACK = (
+    "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "live.py", "pipeline.py", "processes.py",
+    "synthetic.py",
+)  # fmt: skip
 """Parts of mien that a track does not depend on."""
-
-Progress = Callable[[int, int, str], None]
-"""Called with the number of jobs that are done, of jobs, and the name of what was started last."""
 
 
 def run_plan(
@@ -158,11 +158,11 @@ def _run(
     if commands:
         progress(0, len(jobs), commands[0].name)
     ended = run_commands(commands, at_once, time_limit, started.append)
-    for done, (place, reason) in enumerate(ended, 1):
+    for done, one in enumerate(ended, 1):
         progress(done, len(jobs), started[-1])
-        if reason:
-            failed.append((jobs[place], reason))
-            on_failure(jobs[place], reason)
+        if one.reason:
+            failed.append((jobs[one.place], one.reason))
+            on_failure(jobs[one.place], one.reason)
     return failed
 
 

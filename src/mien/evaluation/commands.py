@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from mien.errors import MienError
-from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, Progress, run_plan
+from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, run_plan
 from mien.evaluation.plan import Plan
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.evaluation.report import write_report
 from mien.evaluation.scores import Scores, load_scores
 from mien.evaluation.tables import by_kind, failures, landmarks
+from mien.processes import progress_bar
 from mien.registry import TRACKERS
 
 
@@ -40,7 +39,7 @@ def evaluate(
     plan = Plan(
         dataset, path, out, _named(trackers), protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed
     )
-    with _progress_bar(quiet) as progress:
+    with progress_bar("reading the data set", quiet) as progress:
         run_plan(plan, jobs, time_limit, progress)
     scores = load_scores(out)
     written = write_report(scores, out, "html")
@@ -82,23 +81,3 @@ def _print_summary(scores: Scores) -> None:
                 shown.add_row(*row)
             console.print(shown)
     console.print(f"protocol: {scores.protocol.value}", highlight=False)
-
-
-@contextmanager
-def _progress_bar(quiet: bool) -> Iterator[Progress]:
-    """A bar on stderr with the name of what was started last."""
-    if quiet:
-        yield lambda done, total, name: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as RichProgress
-
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    with RichProgress(*columns, console=Console(stderr=True), transient=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("reading the data set", total=None)
-
-        def show(done: int, total: int, name: str) -> None:
-            bar.update(task, completed=done, total=total, description=name)
-
-        yield show

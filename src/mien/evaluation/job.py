@@ -18,10 +18,10 @@ from typing import Any
 from mien.errors import MienError, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
-from mien.evaluation.isolate import SENTENCE
 from mien.evaluation.run import count_frames, run_sequence, time_sequence
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks
+from mien.processes import SENTENCE
 from mien.registry import create_tracker
 from mien.video import open_video
 

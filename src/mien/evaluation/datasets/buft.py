@@ -25,6 +25,7 @@ import numpy as np
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
 from mien.geometry.rotation import Array
+from mien.video import VIDEO_SUFFIXES
 
 SUBJECTS = ("jam", "jim", "llm", "ssm", "vam")
 UNIFORM, VARYING = "uniform-light", "varying-light"
@@ -34,8 +35,6 @@ COMPLETE = tuple(f"{subject}{number}" for subject in SUBJECTS for number in rang
 FOCAL_PER_WIDTH = 500 / 320
 """The camera is documented nowhere; the published OpenFace evaluation takes 500 pixels at 320x240."""
 
-VIDEO_SUFFIXES = (".avi", ".mpg", ".mpeg", ".mp4")
-
 
 def load(root: Path) -> tuple[Sequence, ...]:
     """Every sequence below a folder: videos that have a `.dat` of the same name."""
@@ -44,8 +43,7 @@ def load(root: Path) -> tuple[Sequence, ...]:
     require(
         bool(pairs),
         f"{root} holds no sequence of BUFT; it needs videos ({', '.join(VIDEO_SUFFIXES)}), each with a .dat "
-        "of the "
-        "same name beside it or in a folder of its own",
+        "of the same name beside it or in a folder of its own",
     )
     names = [video.stem for video, _ in pairs]
     twice = sorted({n for n in names if names.count(n) > 1})

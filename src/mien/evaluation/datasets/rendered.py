@@ -23,13 +23,14 @@ from mien.evaluation.datasets import buft
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite, require_frames
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array
+from mien.video import VIDEO_SUFFIXES
 
 CAMERA = Camera(500.0, 160.0, 120.0)
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
     """Every sequence of a folder: videos that have an `_truth.npz` or a `.dat` of the same name."""
-    videos = sorted(p for p in root.iterdir() if p.suffix in buft.VIDEO_SUFFIXES) if root.is_dir() else []
+    videos = sorted(p for p in root.iterdir() if p.suffix in VIDEO_SUFFIXES) if root.is_dir() else []
     found = [s for video in videos if (s := _sequence(video)) is not None]
     require(
         bool(found),

@@ -25,9 +25,7 @@ from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
 from mien.evaluation.points12 import POINT_NAMES, TWELVE
 from mien.geometry.rotation import Array
 from mien.initialization.landmark_files import PTS_ORIGIN, read_landmarks
-from mien.video import IMAGE_SUFFIXES
-
-VIDEO_SUFFIXES = (".avi", ".mpg", ".mpeg", ".mp4", ".webm", ".mkv", ".mov")
+from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 
 FGNET_POINTS = (27, 29, 34, 32, 67, 41, 39, 43, 48, 54, 51, 57)
 """The twelve points in FGnet's order of annotation, in the order of `points12.POINT_NAMES`."""

@@ -1,0 +1,190 @@
+"""Many videos: each in a process of its own, so many at a time. What is done is kept, and a second run goes on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from mien.errors import MienError, require, warn
+from mien.files import require_writable, whole_file
+from mien.output.track import Track, track_paths
+from mien.pipeline import DEFAULT_PRESET
+from mien.processes import Command, Progress, run_commands
+from mien.registry import create_tracker
+from mien.video import VIDEO_SUFFIXES
+
+SUMMARY = "summary.csv"
+TRACKED, KEPT, FAILED, NOT_YET = "tracked", "kept", "failed", "not yet"
+"""What became of a video: tracked now, or in an earlier run; not to be tracked; not reached before the run was stopped.
+"""
+_SPOKEN = "mien: "
+"""What the command line puts before its warnings and errors."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of every video: arguments of `mien track`, pictures to draw, whether to do again what is done."""
+
+    preset: str = DEFAULT_PRESET
+    passes: int = 1
+    arguments: tuple[str, ...] = ()
+    overlay: bool = False
+    plot: bool = False
+    again: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """A video in the summary. lost, unsure: frames without the face, and with a confidence below a half; begun: seconds
+    at which the face was learned; note: why it failed, or what was warned of."""
+
+    video: Path
+    table: Path
+    state: str = NOT_YET
+    frames: int | None = None
+    lost: int | None = None
+    unsure: int | None = None
+    begun: float | None = None
+    note: str = ""
+
+
+def track_all(
+    paths: Sequence[Path],
+    out: Path,
+    wish: Wish | None = None,
+    jobs: int | None = None,
+    progress: Progress = lambda done, total, name: None,
+) -> list[Row]:
+    """Track every video among paths and below the folders among them; their tables go to `out`, in folders as the
+    videos', with a summary, which is written as well when the run is stopped.
+
+    jobs: how many at a time, one for each processor unless given. Raises MienError where there is nothing to track, or
+    the tables cannot be written; a video that cannot be tracked is a row.
+    """
+    wish = wish or Wish()
+    create_tracker(wish.preset)  # an unknown one is told now, and not of every video
+    rows = [Row(video, table) for video, table in find_videos(paths, out)]
+    require_writable(out / SUMMARY)
+    waiting = [k for k, row in enumerate(rows) if wish.again or not _is_done(row, wish)]
+    for k in set(range(len(rows))) - set(waiting):
+        rows[k] = _measured(replace(rows[k], state=KEPT))
+    commands = [_command(rows[k], wish) for k in waiting]
+    for k in waiting:
+        rows[k].table.parent.mkdir(parents=True, exist_ok=True)
+    started: list[str] = []
+    try:
+        progress(len(rows) - len(waiting), len(rows), "")
+        for ended in run_commands(commands, jobs or processors(), started=started.append):
+            k = waiting[ended.place]
+            said = " ".join(line.removeprefix(_SPOKEN) for line in ended.said if line.startswith(_SPOKEN))
+            if ended.reason:
+                rows[k] = replace(rows[k], state=FAILED, note=said or f"{rows[k].video}: {ended.reason}")
+            else:
+                rows[k] = _measured(replace(rows[k], state=TRACKED, note=said))
+            progress(sum(row.state != NOT_YET for row in rows), len(rows), started[-1])
+    except BaseException:
+        done = sum(row.state in (TRACKED, KEPT) for row in rows)
+        warn(f"stopped; {done} of {len(rows)} videos are done, and the same command goes on from there")
+        raise
+    finally:
+        _write(rows, out / SUMMARY)
+    return rows
+
+
+def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
+    """Videos among paths and below the folders among them, and the table of each below `out`. Where two in one folder
+    differ by their ending alone, it is part of the table's name."""
+    found = list(dict.fromkeys(pair for path in paths for pair in _videos_of(path, out)))
+    require(bool(found), f"{', '.join(map(str, paths))}: no video is there; mien looks for {', '.join(VIDEO_SUFFIXES)}")
+    alike = Counter(place.with_suffix("") for _, place in found)
+    tables: dict[Path, Path] = {}
+    for video, place in found:
+        table = out / (f"{place}.csv" if alike[place.with_suffix("")] > 1 else place.with_suffix(".csv"))
+        other = tables.setdefault(table, video)
+        require(other == video, f"{other} and {video} would have the same table, {table}; track one folder at a time")
+    return [(video, table) for table, video in tables.items()]
+
+
+def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
+    """Videos of a path, each with its place below the folder that was given."""
+    require(path.exists(), f"{path}: no such file or folder; check the name")
+    if path.is_file():
+        yield path, Path(path.name)
+        return
+    # What an overlay is, is a video too.
+    require(
+        not path.resolve().is_relative_to(out.resolve()),
+        f"{out} holds the videos; choose another folder for the tables with -o",
+    )
+    for file in sorted(path.rglob("*")):
+        hidden = any(part.startswith(".") for part in file.relative_to(path).parts)
+        if file.suffix.lower() in VIDEO_SUFFIXES and not hidden and not file.resolve().is_relative_to(out.resolve()):
+            yield file, file.relative_to(path)
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _files(table: Path, wish: Wish) -> list[Path]:
+    """Every file that a video gets."""
+    overlay, plot = _pictures(table)
+    return [*track_paths(table), *[overlay] * wish.overlay, *[plot] * wish.plot]
+
+
+def _pictures(table: Path) -> tuple[Path, Path]:
+    """Overlay and plot beside a table."""
+    return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
+
+
+def _command(row: Row, wish: Wish) -> Command:
+    overlay, plot = _pictures(row.table)
+    pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
+    how = ("--preset", wish.preset, "--passes", str(wish.passes), *wish.arguments)
+    arguments = ("track", str(row.video), "-o", str(row.table), *pictures, *how, "--quiet")
+    return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
+
+
+def _is_done(row: Row, wish: Wish) -> bool:
+    """Whether all of a video's files are there, whole, no older than the video, and from the same tracker."""
+    files = _files(row.table, wish)
+    if not all(file.exists() for file in files):
+        return False
+    try:
+        values = json.loads(row.table.with_suffix(".json").read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    wanted = {"complete": True, "preset": wish.preset, "passes": wish.passes}
+    newer = min(file.stat().st_mtime for file in files) >= row.video.stat().st_mtime
+    return newer and isinstance(values, dict) and wanted.items() <= values.items()
+
+
+def _measured(row: Row) -> Row:
+    """The row with what the video's table says."""
+    try:
+        track = Track.read(row.table)
+    except MienError as error:
+        return replace(row, state=FAILED, note=str(error))
+    begun = track.time[track.status.index("initialized")] if "initialized" in track.status else None
+    unsure = int((np.nan_to_num(track.confidence) < 0.5).sum())
+    return replace(row, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
+
+
+def _write(rows: Sequence[Row], path: Path) -> None:
+    """The summary: a row a video."""
+    names = [field.name for field in fields(Row)]
+    with whole_file(path) as file, file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(names)
+        for row in rows:
+            values = (getattr(row, name) for name in names)
+            writer.writerow(["" if value is None else value for value in values])

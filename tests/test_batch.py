@@ -1,0 +1,194 @@
+"""Many videos, tracked by processes that copy a table, and once by the real ones."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mien import batch
+from mien.batch import Row, Wish, find_videos, track_all
+from mien.cli import app
+from mien.errors import MienError, MienWarning
+from mien.geometry.rotation import FACING
+from mien.output.track import ENDINGS, Track
+from mien.processes import Command
+from mien.tracking.state import Estimate, Status
+from videos import portrait_images, write_video
+
+COPY = "import shutil, sys; [shutil.copy(sys.argv[1] + e, sys.argv[2] + e) for e in sys.argv[3:]]"
+ALAS = "print('noise'); raise SystemExit('mien: alas')"
+WARNED = "import sys; print('mien: the face is turned', file=sys.stderr); " + COPY
+SLOW = "import os, pathlib, sys, time; pathlib.Path(sys.argv[2] + '.pid').write_text(str(os.getpid())); time.sleep(600)"
+AFTER_SLOW = """
+import pathlib, sys, time
+folder = pathlib.Path(sys.argv[2]).parent / "sub"
+while len([p for p in folder.glob("*.pid") if p.read_text()]) < 2:
+    time.sleep(0.01)
+"""
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> Path:
+    folder = tmp_path / "videos"
+    for name in ("a.mp4", "sub/b.avi", "sub/c.MOV"):
+        file = folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(b"")
+        os.utime(file, (0, 0))
+    return folder
+
+
+@pytest.fixture
+def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
+    """What the process of a video does, by the video's name; if nothing is said, write a track of three frames."""
+    R, t = FACING, np.array([0.0, 0.0, 9.0])
+    states = ((Status.LOST, 0.0), (Status.INITIALIZED, 1.0), (Status.TRACKED, 0.3))
+    estimates = [
+        Estimate(k, 0.5 * k, status, *((None, None) if status is Status.LOST else (R, t)), confidence=sure)
+        for k, (status, sure) in enumerate(states)
+    ]
+    Track.from_estimates(estimates, {"complete": True, "preset": "realtime", "passes": 1}).save(tmp_path / "done.csv")
+    said: dict[str, str] = {}
+
+    def command(row: Row, wish: Wish) -> Command:
+        source, target = str(tmp_path / "done"), str(row.table.with_suffix(""))
+        program = said.get(row.video.name, COPY)
+        return Command(row.video.name, (sys.executable, "-c", program, source, target, *ENDINGS))
+
+    monkeypatch.setattr(batch, "_command", command)
+    return said
+
+
+def _summary(out: Path) -> list[dict[str, str]]:
+    with (out / "summary.csv").open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def _states(rows: list[Row]) -> list[str]:
+    return [row.state for row in rows]
+
+
+def test_tables_stand_as_the_videos_do(videos: Path, tmp_path: Path) -> None:
+    out = videos / "tables"
+    for hidden in (videos / ".trash" / "x.mp4", videos / "._a.mp4", out / "a.overlay.mp4", videos / "notes.txt"):
+        hidden.parent.mkdir(exist_ok=True)
+        hidden.write_bytes(b"")
+    found = find_videos([videos, tmp_path / "videos" / "a.mp4"], out)
+    assert found == [
+        (videos / "a.mp4", out / "a.csv"),
+        (videos / "sub/b.avi", out / "sub/b.csv"),
+        (videos / "sub/c.MOV", out / "sub/c.csv"),
+    ]
+
+
+def test_videos_that_differ_by_their_ending_have_tables_of_their_own(videos: Path, tmp_path: Path) -> None:
+    (videos / "a.mkv").write_bytes(b"")
+    found = find_videos([videos], tmp_path / "out")
+    assert [table.name for _, table in found] == ["a.mkv.csv", "a.mp4.csv", "b.csv", "c.csv"]
+
+
+def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "a.mp4").write_bytes(b"")
+    for paths, out, message in (
+        ([tmp_path / "none"], tmp_path / "out", "none: no such file or folder"),
+        ([tmp_path / "empty"], tmp_path / "out", "no video is there; mien looks for .avi"),
+        ([videos], videos, "holds the videos; choose another folder"),
+        ([videos, tmp_path / "other"], tmp_path / "out", "would have the same table"),
+    ):
+        with pytest.raises(MienError, match=message):
+            find_videos(paths, out)
+    with pytest.raises(MienError, match="unknown tracker 'papper'"):
+        track_all([videos], tmp_path / "out", Wish(preset="papper"))
+
+
+def test_every_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code.update({"b.avi": ALAS, "c.MOV": WARNED})
+    heard: list[tuple[int, int]] = []
+    out = tmp_path / "out"
+    rows = track_all([videos], out, jobs=2, progress=lambda done, total, name: heard.append((done, total)))
+    assert _states(rows) == ["tracked", "failed", "tracked"]
+    assert heard == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    first, second, third = _summary(out)
+    expected = {"frames": "3", "lost": "1", "unsure": "2", "begun": "0.5", "note": ""}
+    assert expected.items() <= first.items()
+    assert (second["state"], second["frames"], second["note"]) == ("failed", "", "alas")
+    assert third["note"] == "the face is turned"
+
+
+def test_a_crash_names_the_video(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code["a.mp4"] = "import os; os.abort()"
+    rows = track_all([videos / "a.mp4"], tmp_path / "out")
+    assert "a.mp4: the process crashed (SIGABRT)" in rows[0].note
+
+
+def test_what_is_done_is_kept(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code["b.avi"] = ALAS
+    track_all([videos], out)
+    del code["b.avi"]
+    rows = track_all([videos], out)
+    assert _states(rows) == ["kept", "tracked", "kept"]
+    assert (rows[0].frames, rows[0].lost, rows[0].begun) == (3, 1, 0.5)
+    assert _states(track_all([videos], out, Wish(again=True))) == ["tracked"] * 3
+
+
+def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    track_all([videos], out)
+    os.utime(videos / "a.mp4", (time.time() + 10, time.time() + 10))  # the video has changed
+    half = out / "sub" / "b.json"
+    half.write_text(json.dumps({**json.loads(half.read_text()), "complete": False}))
+    (out / "sub" / "c.parquet").unlink()
+    assert _states(track_all([videos], out)) == ["tracked"] * 3
+    assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
+    for wish in (Wish(preset="paper"), Wish(passes=2), Wish(overlay=True), Wish(plot=True)):
+        assert _states(track_all([videos / "sub"], out / "sub", wish)) == ["tracked"] * 2
+
+
+def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code.update({"a.mp4": AFTER_SLOW + COPY, "b.avi": SLOW, "c.MOV": SLOW})
+
+    def stop(done: int, total: int, name: str) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="stopped; 1 of 3 videos are done"):
+        track_all([videos], out, jobs=3, progress=stop)
+    assert [row["state"] for row in _summary(out)] == ["tracked", "not yet", "not yet"]
+    running = [int(file.read_text()) for file in (out / "sub").glob("*.pid")]
+    assert len(running) == 2
+    for pid in running:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_the_whole_of_it(tmp_path: Path) -> None:
+    pytest.importorskip("mediapipe")
+    videos, out = tmp_path / "videos", tmp_path / "out"
+    videos.mkdir()
+    write_video(videos / "face.mkv", portrait_images())
+    (videos / "broken.mp4").write_bytes(b"no video")
+    asked = ["batch", str(videos), "-o", str(out), "--focal", "500", "--at-once", "--overlay", "--plot"]
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == 2
+    assert "1 of 2 videos tracked" in result.output
+    assert "broken.mp4 cannot be read as a video" in result.output
+    assert "1 of 2 videos could not be tracked" in result.output
+    made = sorted(p.name for p in out.iterdir())
+    assert made == ["face.csv", "face.json", "face.overlay.mp4", "face.parquet", "face.png", "summary.csv"]
+    assert json.loads((out / "face.json").read_text())["camera"]["focal_px"] == 500
+    (videos / "broken.mp4").unlink()
+    again = CliRunner().invoke(app, asked)
+    assert again.exit_code == 0
+    assert "0 of 1 videos tracked, 1 were before" in again.output
