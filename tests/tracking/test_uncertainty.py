@@ -18,6 +18,7 @@ from mien.tracking.uncertainty import (
     Reference,
     confidence,
     state_covariance,
+    still_known,
     systematic_covariance,
 )
 from strategies import head_rotations, rotation_vectors
@@ -113,9 +114,19 @@ def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
 
 
 def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
-    """A grimace looks like somebody else; what hides most of the face hides who it is, too."""
+    """A grimace looks like somebody else."""
     grimace = np.full(26, 55.0)
-    believed = [confidence(1e-5 * np.eye(12), grimace, 1.0, FACING, FACING, known) for known in (0, 0.5, 1)]
-    np.testing.assert_allclose(believed, [0, 0.4, 0.8], atol=0.01)
-    assert confidence(1e-5 * np.eye(12), grimace, 0.4, FACING, FACING, 1.0) < 0.05
+    believed = [confidence(1e-5 * np.eye(12), grimace, 0.5, FACING, FACING, known) for known in (0, 0.5, 1)]
+    np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
+    assert confidence(1e-5 * np.eye(12), grimace, 0.1, FACING, FACING, 1.0) < 0.05  # hardly anything is seen
     assert confidence(1e-5 * np.eye(12), PERFECT, 1.0, FACING, FACING, 1.0) > 0.99
+
+
+def test_it_is_soon_known_whose_face_it_is_and_doubted_later() -> None:
+    known = [0.0]
+    for familiar in [1.0] * 30 + [0.0] * 100:
+        known.append(still_known(known[-1], familiar, agreement=0.99))
+    assert known[10] == pytest.approx(1 - 0.9**10)
+    assert known[-1] == pytest.approx(known[30] * 0.99**100)
+    assert known[45] > 0.8  # a grimace of half a second changes little
+    assert still_known(1.0, 1.0, agreement=0.5) == 0

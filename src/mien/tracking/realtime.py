@@ -28,13 +28,12 @@ from mien.tracking.shape import ShapePosterior
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
-    RECOGNITION_RATE,
-    SAME_CORRELATION,
     Reference,
     confidence,
     familiarity,
     frame_variance,
     state_covariance,
+    still_known,
     turn_squared,
 )
 from mien.video import Frame
@@ -126,8 +125,7 @@ class RealtimeTracker:
             self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        same = self._remember(view, solution) > SAME_CORRELATION
-        self.known = max(self.known, self.known + RECOGNITION_RATE * (familiar - self.known)) if same else 0.0
+        self.known = still_known(self.known, familiar, self._remember(view, solution))
         return self._estimate(frame, status, solution)
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:

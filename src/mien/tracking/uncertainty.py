@@ -40,14 +40,15 @@ _STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
-SAME_CORRELATION = 0.8
+_SAME_CORRELATION = 0.9
 """Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
 one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-RECOGNITION_RATE = 0.1
-"""How fast it becomes known whose face it is, by frame: a stranger looks familiar now and then."""
-_STILL_KNOWN = (0.8, 0.6, 0.05)
-"""How often the rotation is right though the face no longer looks like that of the first frame, when it is the same as
-in the frame before; the share of the landmarks that must be seen, and the width of that step."""
+_RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.01
+"""How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and one
+whose picture dissolves into another's is the same patch by patch."""
+_STILL_KNOWN = 0.9
+"""How probable it is that a face that no longer looks like that of the first frame is it, when it is the same as in the
+frame before: about how often the rotation is right then, over what its covariance says."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,7 @@ def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Arr
     bias, by_spread = _CONFIDENCE
     least, width = _HARDLY_SEEN
     right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))))
-    share, enough, step = _STILL_KNOWN
-    same = max(familiarity(d2, R, R_first), share * known * _logistic((seen - enough) / step))
+    same = max(familiarity(d2, R, R_first), _STILL_KNOWN * known)
     return right * _logistic((seen - least) / width) * same
 
 
@@ -121,6 +121,14 @@ def familiarity(d2: Array, R: Array, R_first: Array) -> float:
     turn = math.acos(min(max(float(R[:, 2] @ R_first[:, 2]), -1.0), 1.0))
     best_quarter = float(np.sort(d2)[len(d2) // 4])
     return _logistic((stranger + by_turn * turn - best_quarter) / width)
+
+
+def still_known(known: float, familiar: float, agreement: float) -> float:
+    """Probability that it is known whose face this is, from that of the last frame, its familiarity, and the agreement
+    of its patches with the last frame's."""
+    if agreement <= _SAME_CORRELATION:
+        return 0.0
+    return known + (_RECOGNITION_RATE if familiar > known else _DOUBT_RATE) * (familiar - known)
 
 
 def _logistic(x: float) -> float:
