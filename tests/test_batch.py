@@ -173,21 +173,22 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
             os.kill(pid, 0)
 
 
-def test_the_whole_of_it(tmp_path: Path) -> None:
+def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mediapipe")
     videos, out = tmp_path / "videos", tmp_path / "out"
     videos.mkdir()
-    write_video(videos / "face.mkv", portrait_images())
+    monkeypatch.chdir(videos)
+    write_video(videos / "-face.mkv", portrait_images())
     (videos / "broken.mp4").write_bytes(b"no video")
-    asked = ["batch", str(videos), "-o", str(out), "--focal", "500", "--at-once", "--overlay", "--plot"]
+    asked = ["batch", ".", "-o", str(out), "--focal", "500", "--at-once", "--overlay", "--plot"]
     result = CliRunner().invoke(app, asked)
     assert result.exit_code == 2
     assert "1 of 2 videos tracked" in result.output
     assert "broken.mp4 cannot be read as a video" in result.output
     assert "1 of 2 videos could not be tracked" in result.output
     made = sorted(p.name for p in out.iterdir())
-    assert made == ["face.csv", "face.json", "face.overlay.mp4", "face.parquet", "face.png", "summary.csv"]
-    assert json.loads((out / "face.json").read_text())["camera"]["focal_px"] == 500
+    assert made == ["-face.csv", "-face.json", "-face.overlay.mp4", "-face.parquet", "-face.png", "summary.csv"]
+    assert json.loads((out / "-face.json").read_text())["camera"]["focal_px"] == 500
     (videos / "broken.mp4").unlink()
     again = CliRunner().invoke(app, asked)
     assert again.exit_code == 0

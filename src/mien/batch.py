@@ -150,7 +150,7 @@ def _command(row: Row, wish: Wish) -> Command:
     overlay, plot = _pictures(row.table)
     pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
     how = ("--preset", wish.preset, "--passes", str(wish.passes), *wish.arguments)
-    arguments = ("track", str(row.video), "-o", str(row.table), *pictures, *how, "--quiet")
+    arguments = ("track", "-o", str(row.table), *pictures, *how, "--quiet", "--", str(row.video))
     return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
 
 
