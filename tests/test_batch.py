@@ -60,6 +60,7 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
 
     def command(row: Row, wish: Wish) -> Command:
         source, target = str(tmp_path / "done"), str(row.table.with_suffix(""))
+        row.table.parent.mkdir(parents=True, exist_ok=True)  # as the real one does
         program = said.get(row.video.name, COPY)
         return Command(row.video.name, (sys.executable, "-c", program, source, target, *ENDINGS))
 
@@ -153,6 +154,15 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
     for wish in (Wish(preset="paper"), Wish(passes=2), Wish(overlay=True), Wish(plot=True)):
         assert _states(track_all([videos / "sub"], out / "sub", wish)) == ["tracked"] * 2
+
+
+def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    track_all([videos], out)
+    (out / "a.csv").write_bytes(b"")
+    (out / "sub" / "b.json").write_text("{")
+    (out / "sub" / "c.json").write_text("[]")
+    assert _states(track_all([videos], out)) == ["tracked"] * 3
 
 
 def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import sys
 from collections import Counter
@@ -17,7 +16,7 @@ from mien.errors import MienError, require, warn
 from mien.files import require_writable, whole_file
 from mien.output.track import Track, track_paths
 from mien.pipeline import DEFAULT_PRESET
-from mien.processes import Command, Progress, run_commands
+from mien.processes import Command, Ended, Progress, run_commands
 from mien.registry import create_tracker
 from mien.video import VIDEO_SUFFIXES
 
@@ -73,22 +72,20 @@ def track_all(
     create_tracker(wish.preset)  # an unknown one is told now, and not of every video
     rows = [Row(video, table) for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
-    waiting = [k for k, row in enumerate(rows) if wish.again or not _is_done(row, wish)]
-    for k in set(range(len(rows))) - set(waiting):
-        rows[k] = _measured(replace(rows[k], state=KEPT))
+    waiting = []
+    for k, row in enumerate(rows):
+        kept = None if wish.again else _kept(row, wish)
+        if kept is None:
+            waiting.append(k)
+        else:
+            rows[k] = kept
     commands = [_command(rows[k], wish) for k in waiting]
-    for k in waiting:
-        rows[k].table.parent.mkdir(parents=True, exist_ok=True)
     started: list[str] = []
     try:
         progress(len(rows) - len(waiting), len(rows), "")
-        for ended in run_commands(commands, jobs or processors(), started=started.append):
+        for ended in run_commands(commands, jobs or _processors(), started=started.append):
             k = waiting[ended.place]
-            said = " ".join(line.removeprefix(_SPOKEN) for line in ended.said if line.startswith(_SPOKEN))
-            if ended.reason:
-                rows[k] = replace(rows[k], state=FAILED, note=said or f"{rows[k].video}: {ended.reason}")
-            else:
-                rows[k] = _measured(replace(rows[k], state=TRACKED, note=said))
+            rows[k] = _outcome(rows[k], ended)
             progress(sum(row.state != NOT_YET for row in rows), len(rows), started[-1])
     except BaseException:
         done = sum(row.state in (TRACKED, KEPT) for row in rows)
@@ -130,7 +127,7 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
             yield file, file.relative_to(path)
 
 
-def processors() -> int:
+def _processors() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -154,26 +151,35 @@ def _command(row: Row, wish: Wish) -> Command:
     return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
 
 
-def _is_done(row: Row, wish: Wish) -> bool:
-    """Whether all of a video's files are there, whole, no older than the video, and from the same tracker."""
+def _kept(row: Row, wish: Wish) -> Row | None:
+    """The row of a video whose files are all there, whole, no older than it, and from the same tracker; else None."""
     files = _files(row.table, wish)
     if not all(file.exists() for file in files):
-        return False
-    try:
-        values = json.loads(row.table.with_suffix(".json").read_text(encoding="utf-8"))
-    except ValueError:
-        return False
-    wanted = {"complete": True, "preset": wish.preset, "passes": wish.passes}
-    newer = min(file.stat().st_mtime for file in files) >= row.video.stat().st_mtime
-    return newer and isinstance(values, dict) and wanted.items() <= values.items()
-
-
-def _measured(row: Row) -> Row:
-    """The row with what the video's table says."""
+        return None
+    if min(file.stat().st_mtime for file in files) < row.video.stat().st_mtime:
+        return None
     try:
         track = Track.read(row.table)
+    except MienError:
+        return None
+    wanted = {"complete": True, "preset": wish.preset, "passes": wish.passes}
+    asked = isinstance(track.metadata, dict) and wanted.items() <= track.metadata.items()
+    return _measured(replace(row, state=KEPT), track) if asked else None
+
+
+def _outcome(row: Row, ended: Ended) -> Row:
+    """The row of a video whose process has ended."""
+    said = " ".join(line.removeprefix(_SPOKEN) for line in ended.said if line.startswith(_SPOKEN))
+    if ended.reason:
+        return replace(row, state=FAILED, note=said or f"{row.video}: {ended.reason}")
+    try:
+        return _measured(replace(row, state=TRACKED, note=said), Track.read(row.table))
     except MienError as error:
         return replace(row, state=FAILED, note=str(error))
+
+
+def _measured(row: Row, track: Track) -> Row:
+    """The row with what the video's track says."""
     begun = track.time[track.status.index("initialized")] if "initialized" in track.status else None
     unsure = int((np.nan_to_num(track.confidence) < 0.5).sum())
     return replace(row, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
