@@ -78,6 +78,10 @@ End = Annotated[float | None, typer.Option(help="End before this.", metavar="SEC
 AtOnce = Annotated[
     bool, typer.Option("--at-once", help="Learn the face where it is first seen, not where it is best in ten seconds.")
 ]
+Preset = Annotated[str, typer.Option(help="The tracker.")]
+Passes = Annotated[
+    int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 
 
@@ -118,7 +122,7 @@ def track(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="The table; if not given, VIDEO's name.csv in this folder.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="The tracker.")] = "realtime",
+    preset: Preset = "realtime",
     landmarks: LandmarkFile = None,
     camera: CameraFile = None,
     focal: Focal = None,
@@ -129,9 +133,7 @@ def track(
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
-    passes: Annotated[
-        int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
-    ] = 1,
+    passes: Passes = 1,
     quiet: Quiet = False,
 ) -> None:
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
@@ -169,7 +171,7 @@ def batch(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Videos at the same time; one for each processor if not given.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="The tracker.")] = "realtime",
+    preset: Preset = "realtime",
     camera: CameraFile = None,
     focal: Focal = None,
     fov: Fov = None,
@@ -178,7 +180,7 @@ def batch(
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
-    passes: Annotated[int, typer.Option(min=1, max=2, help="As of mien track.")] = 1,
+    passes: Passes = 1,
     again: Annotated[bool, typer.Option("--again", help="Track again what is tracked already.")] = False,
     quiet: Quiet = False,
 ) -> None:

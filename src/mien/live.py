@@ -7,7 +7,8 @@ for frame, estimate in mien.stream(0):
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from mien.geometry.camera import Camera
@@ -41,19 +42,19 @@ def stream(
     Raises MienError for bad input, and where no face detector is installed.
     """
     create_tracker(preset)  # what is wrong with the arguments is told now and not when the first frame is asked for
-    choose = (camera, focal_px, fov_deg)
+    choose = partial(choose_camera, camera=camera, focal_px=focal_px, fov_deg=fov_deg)
     return _stream(open_video(video), preset, choose, anew_after)
 
 
 def _stream(
-    video: Video, preset: str, known: tuple[Camera | str | Path | None, float | None, float | None], anew_after: float
+    video: Video, preset: str, choose: Callable[[Frame], Camera], anew_after: float
 ) -> Iterator[tuple[Frame, Estimate]]:
     patience: Patience | None = None
     tracker: Tracker | None = None
     seen = 0.0
     for frame in video:
         if patience is None:
-            patience = Patience(choose_camera(frame, *known))
+            patience = Patience(choose(frame))
         faces = patience(frame) if tracker is None or frame.time - seen > anew_after else []
         if faces:
             tracker = create_tracker(preset)

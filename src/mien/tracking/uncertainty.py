@@ -101,9 +101,8 @@ def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Arr
     """Probability that the rotation is right to 5 degrees.
 
     d2: (n,) squared distances of the landmarks that face the camera; seen: share of all landmarks that are seen; known:
-    probability that this was the face of the first frame when it last looked like it, if it has been the same face
-    since. A logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is
-    seen, times the probability that this is the face of the first frame at all.
+    what `still_known` says. A logistic regression on the spread of the rotation, fitted to measured errors, where
+    enough of the face is seen, times the probability that this is the face of the first frame at all.
     """
     bias, by_spread = _CONFIDENCE
     least, width = _HARDLY_SEEN
