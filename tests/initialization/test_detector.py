@@ -7,9 +7,11 @@ import sys
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from mien.geometry.rotation import Array
 from mien.initialization import detector
 from mien.video import Frame, Pixels
 from small_motion import face, small_motion
@@ -28,6 +30,39 @@ def test_the_portrait_is_found() -> None:
     _, known, _ = face().landmarks.correspondences()
     assert np.abs(points.mean(axis=0) - known.mean(axis=0)).max() < 3
     assert depths is not None
+
+
+def _far_away(corner: tuple[int, int], face_px: int = 60) -> tuple[Frame, Array]:
+    """The portrait, its face this large, in a large room; and the size of the portrait over its own."""
+    portrait = small_motion().frames[0]
+    scale = face_px / float(np.ptp(face().landmarks.points, axis=0).max())
+    room = np.full((720, 1280, 3), 90, np.uint8)
+    small = cv2.resize(portrait.pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    x, y = corner
+    room[y : y + small.shape[0], x : x + small.shape[1]] = small
+    (near,) = detector.detect(portrait)
+    return Frame(room), scale * (near.points + 0.5) - 0.5 + corner
+
+
+@pytest.mark.parametrize("face_px", [50, 60, 90, 150])
+def test_a_face_that_is_small_in_the_image_is_found(face_px: int) -> None:
+    frame, known = _far_away((800, 400), face_px)
+    (found,) = detector.detect(frame)
+    assert np.abs(found.points - known).mean() < 1.5
+    (once,) = detector.look(frame)
+    assert np.abs(once.points - known).mean() < 2.5
+
+
+def test_a_face_that_is_small_in_the_image_is_followed() -> None:
+    first, _ = _far_away((900, 400))
+    later, known = _far_away((910, 395))
+    ((frame, found),) = detector.follow(detector.look(first)[0], [replace(later, index=7)])
+    assert frame.index == found.frame_index == 7
+    assert np.abs(found.points - known).mean() < 2.5
+
+
+def test_a_face_that_is_too_small_to_be_tracked_is_passed_over() -> None:
+    assert detector.detect(_far_away((900, 400), face_px=30)[0]) == []
 
 
 def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,6 +96,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
     frames = [replace(small_motion().frames[0], index=k) for k in range(1, 1 + len(answers))]
     shown = iter(answers)
     monkeypatch.setattr(detector, "read_faces", lambda mesh, pixels: next(shown))
+    monkeypatch.setattr(detector._Finder, "closer", lambda finder, frame, place: [])
     first = detector._landmarks(small_motion().frames[0], _moved(0.0))
     followed = list(detector.follow(first, frames))
     assert [frame.index for frame, _ in followed] == [1, 3, 5]
@@ -70,8 +106,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
 
 def test_a_closer_look_is_that_of_detection() -> None:
     frame = small_motion().frames[0]
-    once, (several,) = detector.detect_once(frame), detector.detect(frame)
-    assert once is not None
+    (once,), (several,) = detector.look(frame), detector.detect(frame)
     refined = detector.refine(frame, once)
     assert refined is not None
     np.testing.assert_allclose(refined.points, several.points)
@@ -81,8 +116,8 @@ def test_a_closer_look_is_that_of_detection() -> None:
 def test_the_network_comes_without_what_draws_its_results() -> None:
     asked = """
 import sys
-from mien.initialization.detector import import_face_mesh
-assert import_face_mesh().__name__ == "FaceMesh"
+from mien.initialization.detector import import_solution
+assert import_solution("face_mesh", "FaceMesh").__name__ == "FaceMesh"
 print("matplotlib" in sys.modules)
 from mediapipe.python.solutions import drawing_utils
 print(callable(drawing_utils.plt.figure), "matplotlib.figure" in sys.modules)

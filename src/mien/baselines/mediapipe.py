@@ -15,7 +15,7 @@ from mien.candide.model import Candide, mm_per_unit
 from mien.errors import MienError
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import Array, exp, log, similarity
-from mien.initialization.detector import import_face_mesh, read_faces, silenced
+from mien.initialization.detector import import_solution, read_faces, silenced
 from mien.initialization.landmarks import Landmarks, rows_by_name, rows_of_scheme
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.video import Frame
@@ -34,7 +34,7 @@ class MediaPipeTracker:
     def __init__(self) -> None:
         with silenced():
             try:
-                face_mesh = import_face_mesh()
+                face_mesh = import_solution("face_mesh", "FaceMesh")
             except ImportError as e:
                 raise MienError(NOT_INSTALLED) from e
             self._mesh = face_mesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)

@@ -1,5 +1,8 @@
 """Faces of a frame found by MediaPipe, when the extra `auto` is installed.
 
+Face Mesh sees faces from about an eighth of the image's width on. Where it sees none, MediaPipe's detector for distant
+faces says where to look closer, down to a twenty-fifth of the width.
+
 The network is asked several times, on slightly turned and scaled copies of the frame, and its answers are
 averaged: everything that follows rests on this one frame. What it sees in the frame and in few of the copies is no
 face: a texture that happens to look like one.
@@ -8,10 +11,14 @@ face: a texture that happens to look like one.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
+import threading
 from collections.abc import Iterable, Iterator
+from functools import partial
 from importlib import import_module
+from itertools import product
 from types import ModuleType
 from typing import Any
 
@@ -20,8 +27,8 @@ import numpy as np
 
 from mien.errors import MienError
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import Landmarks
-from mien.video import Frame
+from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks
+from mien.video import Frame, Pixels
 
 NO_DETECTOR = (
     "no landmarks were given and no face detector is installed: install it with "
@@ -32,6 +39,15 @@ _COPIES = ((0.0, 1.0), (-8.0, 0.95), (8.0, 0.95), (-4.0, 1.1), (4.0, 1.1), (0.0,
 _MAXIMUM_FACES = 8
 _SAME_PLACE = 0.5
 """Mean distance of two faces' points, over their size, below which the later may be the earlier one."""
+_CROP_SIDE, _CROP_PIXELS = 2.2, (256, 640)
+"""Side of the crop in which a face is looked at closer, in sizes of the face, and the least and largest in pixels."""
+_DISTANT_EVERY = 15
+"""Frames of which one is searched for distant faces, which takes five times as long."""
+_LARGE_PX, _QUARTER = 750, 0.55
+"""Width from which on a face that is large enough to be tracked may be too small to be found in the whole frame; a
+quarter's side over the frame's: some more than a half, for the faces between two."""
+_OUTVOTED = 0.22
+"""Mean difference of coordinates, in sizes of the face, above which what is seen in a copy is another face."""
 
 
 def detect(frame: Frame) -> list[Landmarks]:
@@ -48,23 +64,23 @@ def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] 
 
     Raises MienError where MediaPipe is not installed.
     """
-    with _face_mesh(_MAXIMUM_FACES) as mesh:
-        for frame in frames:
-            seen_again = (_average(frame, face) for face in _largest_first(mesh, frame))
+    with _finder(_MAXIMUM_FACES) as finder:
+        for k, frame in enumerate(frames):
+            seen = finder.largest_first(frame, distant=k % _DISTANT_EVERY == 0)
+            seen_again = (_average(frame, face) for face in seen)
             faces = [_landmarks(frame, face) for face in seen_again if face is not None]
             if faces:
                 return frame, faces
     return None
 
 
-def detect_once(frame: Frame) -> Landmarks | None:
-    """The largest face of a frame from a single look, for finding a face again; None where there is none.
+def look(frame: Frame) -> list[Landmarks]:
+    """The faces of a frame from a single look, the largest first, for finding a face again.
 
     Raises MienError where MediaPipe is not installed.
     """
-    with _face_mesh(_MAXIMUM_FACES) as mesh:
-        faces = _largest_first(mesh, frame)
-    return _landmarks(frame, faces[0]) if faces else None
+    with _finder(_MAXIMUM_FACES) as finder:
+        return [_landmarks(frame, face) for face in finder.largest_first(frame)]
 
 
 def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
@@ -72,13 +88,15 @@ def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, La
 
     Raises MienError where MediaPipe is not installed.
     """
-    with _face_mesh(_MAXIMUM_FACES) as mesh:
+    with _finder(_MAXIMUM_FACES) as finder:
         for frame in frames:
-            here = (_landmarks(frame, found) for found in read_faces(mesh, frame.pixels))
-            same = min(here, key=lambda found: _apart(found, face), default=face)
-            if same is not face and _apart(same, face) < _SAME_PLACE:
-                face = same
-                yield frame, face
+            for faces in (finder.near, partial(finder.closer, place=_place(face.points))):
+                here = (_landmarks(frame, found) for found in faces(frame))
+                same = min(here, key=lambda found: _apart(found, face), default=face)
+                if same is not face and _apart(same, face) < _SAME_PLACE:
+                    face = same
+                    yield frame, face
+                    break
 
 
 def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
@@ -96,10 +114,6 @@ def _apart(a: Landmarks, b: Landmarks) -> float:
     return float(np.linalg.norm(a.points - b.points, axis=1).mean() / np.ptp(b.points, axis=0).max())
 
 
-def _largest_first(mesh: Any, frame: Frame) -> list[Array]:
-    return sorted(read_faces(mesh, frame.pixels), key=lambda f: -float(np.ptp(f[:, :2], axis=0).prod()))
-
-
 def _landmarks(frame: Frame, face: Array) -> Landmarks:
     return Landmarks(face[:, :2], "mediapipe478", face[:, 2], frame.index, frame.time, "detected face")
 
@@ -107,20 +121,25 @@ def _landmarks(frame: Frame, face: Array) -> Landmarks:
 def _average(frame: Frame, face: Array) -> Array | None:
     """Mean of one face's points (478, 3) over turned and scaled copies of the image around it; None where less than
     half of the copies show it."""
-    centre = 0.5 * (face[:, :2].min(axis=0) + face[:, :2].max(axis=0))
-    side = 2.2 * float(np.ptp(face[:, :2], axis=0).max())
-    size = int(np.clip(side, 256, 640))
-    answers = []
-    with _face_mesh(1) as mesh:
-        for turn_deg, scale in _COPIES:
-            A = _crop_matrix(centre, turn_deg, scale * size / side, size)
-            crop = cv2.warpAffine(frame.pixels, A, (size, size), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-            found = read_faces(mesh, crop)
-            if found:
-                answers.append(_uncrop(found[0], A))
-    # A copy in which another face or nothing was found is outvoted.
-    near = [a for a in answers if np.abs(a[:, :2] - face[:, :2]).mean() < 0.1 * side]
+    place = _place(face)
+    with _finder(1) as finder:
+        answers = [found[0] for copy in _COPIES if (found := finder.closer(frame, place, *copy))]
+    near = [answer for answer in answers if np.abs(answer[:, :2] - face[:, :2]).mean() < _OUTVOTED * place[1]]
     return np.mean(near, axis=0) if 2 * len(near) >= len(_COPIES) else None
+
+
+_Place = tuple[Array, float]
+"""Centre (2,) and larger side in pixels of what may be a face."""
+
+
+def _place(face: Array) -> _Place:
+    """Where the points (478, 2 or 3) of a face are."""
+    low, high = face[:, :2].min(axis=0), face[:, :2].max(axis=0)
+    return 0.5 * (low + high), float((high - low).max())
+
+
+def _size(face: Array) -> float:
+    return _place(face)[1]
 
 
 def _crop_matrix(centre: Array, turn_deg: float, scale: float, size: int) -> Array:
@@ -144,24 +163,87 @@ def read_faces(mesh: Any, pixels: Any) -> list[Array]:
     return [np.array([[p.x * width, p.y * height, p.z * width] for p in f.landmark]) for f in answer]
 
 
-@contextlib.contextmanager
-def _face_mesh(faces: int) -> Iterator[Any]:
-    with silenced():
-        try:
-            face_mesh = import_face_mesh()
-        except ImportError as e:
-            raise MienError(NO_DETECTOR) from e
-        mesh = face_mesh(
+class _Finder:
+    """Face Mesh, and the detector for distant faces, which is made when it is first asked."""
+
+    def __init__(self, faces: int) -> None:
+        """faces: the largest number that is looked for. Raises ImportError where MediaPipe is not installed."""
+        self.mesh = import_solution("face_mesh", "FaceMesh")(
             static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
         )
-        try:
-            yield mesh
-        finally:
-            mesh.close()
+        self.detection: Any = None
+
+    def largest_first(self, frame: Frame, distant: bool = True) -> list[Array]:
+        """Points (478, 3) of every face that is seen; distant: also of those that are small in the image."""
+        faces = self.near(frame) or (self.distant(frame) if distant else [])
+        return sorted(faces, key=lambda face: -float(np.ptp(face[:, :2], axis=0).prod()))
+
+    def near(self, frame: Frame) -> list[Array]:
+        """Points (478, 3) of every face that is large enough in the image to be seen in it."""
+        return read_faces(self.mesh, frame.pixels)
+
+    def distant(self, frame: Frame) -> list[Array]:
+        """Points (478, 3) of every face that is seen only in a closer look, and is large enough to be tracked."""
+        faces: list[Array] = []
+        for place in self._places(frame):
+            found = max(self.closer(frame, place), key=_size, default=None)
+            if found is not None and _size(found) >= MINIMUM_FACE_PX:
+                middle, size = _place(found)
+                if all(np.linalg.norm(middle - _place(other)[0]) > _SAME_PLACE * size for other in faces):
+                    faces.append(found)
+        return faces
+
+    def closer(self, frame: Frame, place: _Place, turn_deg: float = 0.0, scale: float = 1.0) -> list[Array]:
+        """Points (478, 3) in the frame of the faces that are seen in a turned and scaled copy of its part around a
+        place."""
+        centre, size = place
+        side = _CROP_SIDE * size
+        pixels = int(np.clip(side, *_CROP_PIXELS))
+        A = _crop_matrix(centre, turn_deg, scale * pixels / side, pixels)
+        crop = cv2.warpAffine(frame.pixels, A, (pixels, pixels), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return [_uncrop(face, A) for face in read_faces(self.mesh, crop)]
+
+    def _places(self, frame: Frame) -> list[_Place]:
+        """Where there may be a face: in the whole frame, or else, in a large one, in its quarters."""
+        places = self._places_in(frame.pixels, np.zeros(2))
+        if not places and frame.width > _LARGE_PX:
+            height, width = (math.ceil(_QUARTER * side) for side in (frame.height, frame.width))
+            for y, x in product((0, frame.height - height), (0, frame.width - width)):
+                places += self._places_in(frame.pixels[y : y + height, x : x + width], np.array([x, y]))
+        return places
+
+    def _places_in(self, pixels: Pixels, corner: Array) -> list[_Place]:
+        """Where there may be a face in a part of a frame that has its corner (2,) there."""
+        if self.detection is None:
+            self.detection = import_solution("face_detection", "FaceDetection")(model_selection=1)
+        places = []
+        for found in self.detection.process(np.ascontiguousarray(pixels)).detections or []:
+            box, extent = found.location_data.relative_bounding_box, pixels.shape[1::-1]
+            size = np.array([box.width, box.height]) * extent
+            places.append((corner + np.array([box.xmin, box.ymin]) * extent + 0.5 * size, float(size.max())))
+        return places
 
 
-def import_face_mesh() -> Any:
-    """MediaPipe's class `FaceMesh`. What draws its results comes with it and imports Matplotlib, which takes half a
+_kept = threading.local()
+"""What each thread of each process has made: it takes as long to make as several looks."""
+
+
+@contextlib.contextmanager
+def _finder(faces: int) -> Iterator[_Finder]:
+    """A finder of at most so many faces, with what it writes kept off the screen."""
+    finders: dict[str, _Finder] = vars(_kept)
+    key = f"{os.getpid()} {faces}"
+    with silenced():
+        if key not in finders:
+            try:
+                finders[key] = _Finder(faces)
+            except ImportError as e:
+                raise MienError(NO_DETECTOR) from e
+        yield finders[key]
+
+
+def import_solution(module: str, name: str) -> Any:
+    """One of MediaPipe's solutions. What draws their results comes with them and imports Matplotlib, which takes half a
     second: that is put off until somebody draws.
 
     Raises ImportError where MediaPipe is not installed.
@@ -172,11 +254,10 @@ def import_face_mesh() -> Any:
         vars(later[names[0]])["pyplot"] = later[names[1]]
     sys.modules.update(later)
     try:
-        from mediapipe.python.solutions.face_mesh import FaceMesh
+        return getattr(import_module(f"mediapipe.python.solutions.{module}"), name)
     finally:
         for name in later:
             del sys.modules[name]
-    return FaceMesh
 
 
 class _Later(ModuleType):
