@@ -28,7 +28,7 @@ COUNT = len(sequence().frames)
 
 @pytest.fixture(autouse=True)
 def _without_detector(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mien.tracking.realtime.find_by_detector", lambda *_: None)
+    monkeypatch.setattr("mien.tracking.realtime.find_by_detector", lambda *_: iter(()))
 
 
 def _changed(change: Callable[[Array], Array], rows: Iterable[int]) -> SyntheticSequence:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from long_motion import sequence
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.tracking.recovery import Keyframes, _pnp
 from mien.video import Frame
 from small_motion import face
+
+CLOSE = np.array([0.0, 0.0, 3.0])
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +25,7 @@ def keyframes() -> Keyframes:
 
 @pytest.mark.parametrize("index", [0, 3, 6, 36])
 def test_a_face_is_found_from_nothing(keyframes: Keyframes, index: int) -> None:
-    found = keyframes.find(sequence().frames[index], float(face().fit.t[2]))
+    found = keyframes.find(sequence().frames[index], face().fit.t)
     assert found is not None
     R, t = found
     assert np.degrees(angle_between(R, sequence().R[index])) < 10
@@ -32,28 +35,45 @@ def test_a_face_is_found_from_nothing(keyframes: Keyframes, index: int) -> None:
 def test_a_face_is_found_at_another_place_and_size(keyframes: Keyframes) -> None:
     """The picture shifted by 60 pixels to the right and 20 down."""
     pixels = np.roll(sequence().frames[0].pixels, (20, 60), axis=(0, 1))
-    found = keyframes.find(Frame(pixels), 1.2 * float(face().fit.t[2]))
+    found = keyframes.find(Frame(pixels), 1.2 * face().fit.t)
     assert found is not None
     before, after = (face().camera.project(t)[0] for t in (face().fit.t, found[1]))
     np.testing.assert_allclose(after - before, [60, 20], atol=4)
 
 
+def test_a_face_is_found_anywhere_in_a_large_picture_at_the_cost_of_a_small_one() -> None:
+    height, width = 1500, 2000
+    pixels = np.full((height, width, 3), 128, np.uint8)
+    pixels[-240:, -320:] = sequence().frames[0].pixels
+    fit, portrait = face().fit, face().camera
+    keyframes = Keyframes(fit, Camera(portrait.focal_px, width - 320 + portrait.cx, height - 240 + portrait.cy))
+    keyframes.add(Frame(pixels), fit.R, fit.t, fit.animation)
+    last = fit.t - [1700 / portrait.focal_px * fit.t[2], 0, 0]
+    found = [place for _ in range(50) if (place := keyframes.find(Frame(pixels), last)) is not None]
+    assert len(found) >= 2
+    np.testing.assert_allclose(found[0][1], fit.t, atol=0.3)
+    windows = [keyframes._window(Frame(pixels), last, scale=1.0) for _ in range(50)]
+    assert {window.shape for window, _ in windows} == {(440, 440)}
+    corners = {tuple(corner) for _, corner in windows}
+    assert {(0, 0), (width - 440, 0), (0, height - 440), (width - 440, height - 440)} <= corners
+
+
 @pytest.mark.parametrize("value", [0, 128, 255])
 def test_nothing_is_found_in_a_flat_picture(keyframes: Keyframes, value: int) -> None:
     pixels = np.full((240, 320, 3), value, np.uint8)
-    assert keyframes.find(Frame(pixels), 3.0) is None
+    assert keyframes.find(Frame(pixels), CLOSE) is None
 
 
 def test_nothing_is_found_in_noise(keyframes: Keyframes) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (240, 320, 3)).astype(np.uint8)
-    assert keyframes.find(Frame(pixels), 3.0) is None
+    assert keyframes.find(Frame(pixels), CLOSE) is None
 
 
 def test_without_keypoints_nothing_is_found() -> None:
     empty = Keyframes(face().fit, face().camera)
     empty.add(Frame(np.zeros((240, 320, 3), np.uint8)), face().fit.R, face().fit.t, face().fit.animation)
     assert len(empty.keyframes[0].features[0]) == 0
-    assert empty.find(sequence().frames[0], 3.0) is None
+    assert empty.find(sequence().frames[0], CLOSE) is None
 
 
 def test_a_view_is_new_where_no_other_is_near(keyframes: Keyframes) -> None:

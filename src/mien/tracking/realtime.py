@@ -137,11 +137,9 @@ class RealtimeTracker:
         return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
 
     def _recover(self, frame: Frame) -> tuple[View, Solution] | None:
-        """The face at a pose that the keyframes or the detector propose, if it is the one of the first frame."""
+        """The face at a pose that the detector or the keyframes propose, if it is the one of the first frame."""
         s = self.settings
         for placed in self._proposals(frame):
-            if placed is None:
-                continue
             start = Pose(*placed, self.fit.animation)
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
             view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
@@ -159,9 +157,11 @@ class RealtimeTracker:
             vertices = with_eyes_closed(vertices, estimate.closing.share)
         return np.asarray(vertices @ estimate.rotation.T + estimate.translation)
 
-    def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array] | None]:
-        yield self.keyframes.find(frame, float(self.pose.t[2]))
-        yield find_by_detector(frame, self.fit, self.camera)
+    def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
+        yield from find_by_detector(frame, self.fit, self.camera)
+        known = self.keyframes.find(frame, self.pose.t)
+        if known is not None:
+            yield known
 
     def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; where it does not look like the face, coarse to fine."""

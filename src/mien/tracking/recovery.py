@@ -5,6 +5,7 @@ Both only propose poses; the tracker's own energy decides whether the face that 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,16 +18,18 @@ from mien.appearance.views import crop_camera, crop_of_face
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
-from mien.initialization.detector import detect_once
+from mien.initialization.detector import look
 from mien.initialization.fit import FirstFrame
 from mien.video import Frame
 
-KEYFRAME_PIXELS_PER_UNIT = 110.0
+KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size
 _CROP_UNITS = 2.0
 _KEYPOINTS = 250
 _MOST_KEYFRAMES = 9
 _KEYFRAME_SPACING = np.radians(15.0)
-_LARGEST_SEARCH = 1280  # pixels of the longer side of the image that is searched
+_WINDOW = 440.0
+"""Side of the part of the image that one search looks through, in pixels of the keyframes."""
+_MOST_FACES = 3
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 
 
@@ -66,6 +69,7 @@ class Keyframes:
     def __init__(self, fit: FirstFrame, camera: Camera) -> None:
         self.fit, self.camera = fit, camera
         self.keyframes: list[Keyframe] = []
+        self.searches = 0
 
     def is_new(self, R: Array) -> bool:
         """Whether a view at this rotation would add something."""
@@ -81,25 +85,39 @@ class Keyframes:
         gray = np.clip(crop.sample(frame.pixels), 0, 255).astype(np.uint8)
         self.keyframes.append(Keyframe(R, t, animation, gray, crop_camera(self.camera, crop), self.fit))
 
-    def find(self, frame: Frame, distance: float) -> tuple[Array, Array] | None:
+    def find(self, frame: Frame, last: Array) -> tuple[Array, Array] | None:
         """Pose R, t of the face by its keyframes, None where they do not agree on one.
 
-        distance: where the face was last, which says how large it may be in the image.
+        last: (3,) where the face was last, which says how large it may be in the image, and where to look. A search
+        costs the same in images of any size: in large ones it is around that place and somewhere else by turns.
         """
         keyframes = [k for k in self.keyframes if len(k.features[0]) >= _INLIERS]
         if not keyframes:
             return None
-        scale = KEYFRAME_PIXELS_PER_UNIT * distance / self.camera.focal_px
-        scale = min(scale, 2.5, _LARGEST_SEARCH / max(frame.width, frame.height))
+        scale = min(KEYFRAME_PIXELS_PER_UNIT * float(last[2]) / self.camera.focal_px, 2.5)
+        window, corner = self._window(frame, last, scale)
         interpolation = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
-        image = cv2.resize(frame.gray, None, fx=scale, fy=scale, interpolation=interpolation)
+        image = cv2.resize(window, None, fx=scale, fy=scale, interpolation=interpolation)
         keypoints, descriptors = cv2.SIFT.create(4 * _KEYPOINTS, contrastThreshold=0.01).detectAndCompute(image, None)
         if descriptors is None or len(keypoints) < _INLIERS:
             return None
-        p = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5
+        p = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5 + corner
         found = [self._place(k, p, descriptors, scale) for k in keyframes]
         best = max(found, key=lambda f: f[0])
         return None if best[0] < _INLIERS else (best[1], best[2])
+
+    def _window(self, frame: Frame, last: Array, scale: float) -> tuple[NDArray[np.uint8], Array]:
+        """The grey part of a frame that this search looks through, and its corner (2,)."""
+        side, face = _WINDOW / scale, _CROP_UNITS * KEYFRAME_PIXELS_PER_UNIT / scale
+        around, elsewhere = divmod(self.searches, 2)
+        self.searches += 1
+        size = np.array([frame.width, frame.height])
+        corner = self.camera.project(last)[0] - 0.5 * side
+        if elsewhere:  # windows that cover the frame and overlap by a face
+            columns, rows = (1 + np.maximum(np.ceil((size - side) / (side - face)), 0)).astype(int)
+            corner = np.array([around % columns, around // columns % rows]) * (side - face)
+        x, y = np.clip(np.rint(corner), 0, np.maximum(size - round(side), 0)).astype(int)
+        return frame.gray[y : y + round(side), x : x + round(side)], np.array([x, y])
 
     def _place(
         self, keyframe: Keyframe, p: Array, descriptors: NDArray[np.float32], scale: float
@@ -115,17 +133,17 @@ class Keyframes:
         return _pnp(X, p[[m.trainIdx for m in good]], self.camera, _REPROJECTION_PX / scale) or nothing
 
 
-def find_by_detector(frame: Frame, fit: FirstFrame, camera: Camera) -> tuple[Array, Array] | None:
-    """Pose R, t of the largest face that the detector sees; None without a face or without the extra `auto`."""
+def find_by_detector(frame: Frame, fit: FirstFrame, camera: Camera) -> Iterator[tuple[Array, Array]]:
+    """Poses R, t of the faces that the detector sees, the largest first; none without the extra `auto`."""
     try:
-        landmarks = detect_once(frame)
+        faces = look(frame)
     except MienError:
-        return None
-    if landmarks is None:
-        return None
-    vertices, points, _ = landmarks.correspondences()
-    placed = _pnp(fit.vertices()[vertices], points, camera, 0.05 * float(np.ptp(points)))
-    return None if placed is None else (placed[1], placed[2])
+        return
+    for face in faces[:_MOST_FACES]:
+        vertices, points, _ = face.correspondences()
+        placed = _pnp(fit.vertices()[vertices], points, camera, 0.05 * float(np.ptp(points)))
+        if placed is not None:
+            yield placed[1:]
 
 
 def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> tuple[int, Array, Array] | None:
