@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -110,23 +110,39 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
 def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
     """The frames from `begin` (seconds) on whose index is less than `end`, the last first.
 
-    No more of them are held at a time than `HELD_BYTES` allow: where there are more, the video is decoded again for
-    each part.
+    No more of them are held at a time than `HELD_BYTES` allow: where there are more, each part is decoded anew.
     """
-    while True:
-        held: deque[Frame] = deque()
-        for frame in video:
-            if frame.index >= end:
-                break
-            if frame.time >= begin:
-                held.append(frame)
-                if len(held) > 1 and len(held) * frame.pixels.nbytes > HELD_BYTES:
-                    held.popleft()
-        if not held:
-            return
-        end = held[0].index
+    there: list[tuple[int, float]] = []
+    held: deque[Frame] = deque()
+    for frame in video:
+        if frame.index >= end:
+            break
+        if frame.time >= begin:
+            there.append((frame.index, frame.time))
+            held.append(frame)
+            if len(held) > 1 and len(held) * frame.pixels.nbytes > HELD_BYTES:
+                held.popleft()
+    most = len(held)
+    while held:
+        there = there[: -len(held)]
+        size = held[0].pixels.shape
         while held:
             yield held.pop()
+        held.extend(_part(video, there[-most:], size))
+
+
+def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, ...]) -> list[Frame]:
+    """The frames with these indices and times: from the nearest key frame on, or, where the container does not find
+    them all so, from the beginning."""
+    if not there:
+        return []
+    indices, times = zip(*there, strict=True)
+    if isinstance(video, VideoFile):
+        found = list(video.between(times[0], times[-1]))
+        if [frame.time for frame in found] == list(times) and all(frame.pixels.shape == size for frame in found):
+            return [replace(frame, index=index) for frame, index in zip(found, indices, strict=True)]
+    until = itertools.takewhile(lambda frame: frame.index <= indices[-1], video)
+    return [frame for frame in until if frame.index in indices]
 
 
 def expected_count(video: Video, start: float | None = None, end: float | None = None) -> int | None:
@@ -161,6 +177,15 @@ class VideoFile:
 
     def __iter__(self) -> Iterator[Frame]:
         return _one_size(self._frames(), self.name)
+
+    def between(self, begin: float, until: float) -> Iterator[Frame]:
+        """The frames from one time to another, both in seconds and included, without index and as large as they are.
+        They are decoded from the last key frame on: some containers do not find that, and frames are missing."""
+        for image in _decoded(self.path, begin):
+            if image is None or image.time is None or image.time > until:
+                return
+            if image.time >= begin:
+                yield Frame(_upright(image), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
         count, time, until, damaged = 0, self.begin, self.begin, False
@@ -283,13 +308,19 @@ def _container(path: Path) -> Any:
     return container
 
 
-def _decoded(path: Path) -> Iterator[Any]:
-    """Images as PyAV decodes them, and None for a packet that is damaged."""
+def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
+    """Images as PyAV decodes them, and None for a packet that is damaged; from the last key frame before `begin`
+    (seconds) on."""
     import av
 
     with _container(path) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
+        try:
+            if begin is not None:
+                container.seek(math.floor(begin / stream.time_base), stream=stream)
+        except av.error.FFmpegError:
+            return
         packets = container.demux(stream)
         while True:
             try:
