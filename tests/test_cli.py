@@ -274,12 +274,12 @@ def test_a_face_that_comes_later(mien: Command, video: Path, monkeypatch: pytest
 
 def test_a_face_that_comes_much_later(mien: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What comes long before it has rows without a pose, which say so."""
-    video = write_video(tmp_path / "in.mkv", portrait_images(), times_ms=[0, 40, 20000, 20040, 20080, 20120])
-    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=3, time=20.04)], at=3)
+    video = write_video(tmp_path / "in.mkv", portrait_images(), times_ms=[0, 40, 99960, 100000, 100040, 100080])
+    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=3, time=100.0)], at=3)
     assert mien("track", video, "-o", "out.csv").status == 0
     track = Track.read(tmp_path / "out.csv")
     assert track.status == ["lost", "lost", "tracked", "initialized", "tracked", "tracked"]
-    assert track.table.column("reason").to_pylist()[:2] == ["no face was seen yet"] * 2
+    assert track.table.column("reason").to_pylist()[:2] == ["tracking begins later"] * 2
 
 
 def test_landmarks_of_a_time_that_the_video_does_not_have(

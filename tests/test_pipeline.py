@@ -189,6 +189,17 @@ def test_tracking_goes_both_ways_from_landmarks_of_a_later_frame(
     np.testing.assert_allclose(track.confidence, [0.1, 0.1, 0.1, 0.2, 0.2, 0.2])
 
 
+def test_a_face_that_was_not_there_long_before_the_first_frame_is_not_looked_for(
+    tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "_GONE_SECONDS", 0.05)
+    tracker.lost = (0, 1, 2, 3)
+    marks = replace(known_portrait().landmarks, frame_index=5, time=0.2)
+    track = mien.track(folder, landmarks=marks)
+    reasons = [*["tracking begins later"] * 2, *["it was told to"] * 2, None, None]
+    assert track.table.column("reason").to_pylist() == reasons
+
+
 def test_the_mesh_is_drawn_on_what_comes_before_the_first_frame(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:

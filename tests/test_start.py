@@ -53,7 +53,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
     monkeypatch.setattr("mien.initialization.detector.follow", follow)
     monkeypatch.setattr("mien.initialization.detector.detect", lambda frame: [seen(frame)])
     monkeypatch.setattr(
-        "mien.initialization.detector.detect_once", lambda frame: None if frame.index in hidden else seen(frame)
+        "mien.initialization.detector.look", lambda frame: [] if frame.index in hidden else [seen(frame)]
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(start, "_LOOK_EVERY", 0.2)
@@ -89,6 +89,18 @@ def test_a_face_that_is_turned_is_learned_where_it_looks_into_the_camera(detecto
 def test_the_best_look_is_taken_where_none_is_good(detector: set[int], video: Path) -> None:
     detector.update(range(11, 24))
     assert start.prepare(open_video(video), camera=face().camera).first.index == 10
+
+
+@pytest.mark.parametrize(("search_s", "index"), [(60.0, 15), (0.3, 5)])
+def test_a_face_is_looked_at_until_it_looks_into_the_camera(
+    search_s: float, index: int, detector: set[int], video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It does at 0.6 s; but not for ever. Everything since the first frame is tracked."""
+    monkeypatch.setattr(start, "_SEARCH_SECONDS", search_s)
+    monkeypatch.setattr(start, "_LOOK_SECONDS", 0.1)
+    begin = start.prepare(open_video(video), camera=face().camera)
+    assert begin.first.index == index
+    assert begin.since == 0
 
 
 def test_a_look_that_is_hardly_better_is_not_worth_it(detector: set[int], video: Path) -> None:

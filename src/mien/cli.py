@@ -76,7 +76,7 @@ Fov = Annotated[float | None, typer.Option(help="Horizontal field of view; 60 if
 Start = Annotated[float | None, typer.Option(help="Begin here.", metavar="SECONDS")]
 End = Annotated[float | None, typer.Option(help="End before this.", metavar="SECONDS")]
 AtOnce = Annotated[
-    bool, typer.Option("--at-once", help="Learn the face where it is first seen, not where it is best in ten seconds.")
+    bool, typer.Option("--at-once", help="Learn the face where it is first seen, not where it is seen best.")
 ]
 Preset = Annotated[str, typer.Option(help="The tracker.")]
 Passes = Annotated[

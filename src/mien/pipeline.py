@@ -28,11 +28,13 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import create_tracker
-from mien.start import TURNED_DEG, Start, not_yet, prepare
+from mien.start import TURNED_DEG, Start, prepare
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Frame, Video, backwards, expected_count, open_video, select
 
 DEFAULT_PRESET = "realtime"
+_GONE_SECONDS = 10.0
+"""How long a face must be lost before the first frame for what is still earlier to be left alone."""
 
 Progress = Callable[[Estimate, int | None], None]
 """Called after every frame with its estimate and the number of frames to expect, None where unknown."""
@@ -77,10 +79,10 @@ def track(
 
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
     camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
-    seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one of the next ten
-    seconds that shows it best, of a camera, where it first looks into it. passes: 2 tracks a file twice, the second
-    time with the shape of the face that the first has taught: more accurate, half as fast. save: where NAME.csv,
-    NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
+    seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one that shows it best
+    of the ten seconds after it looks into the camera, of a camera, where it first does. passes: 2 tracks a file twice,
+    the second time with the shape of the face that the first has taught: more accurate, half as fast. save: where
+    NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
 
     When it is stopped (Ctrl-C, the window closed, an error), what was tracked is written to `save` and `plot` before
     the exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of
@@ -210,11 +212,17 @@ def write_first_frame(
 
 
 def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
-    """Estimates of what comes before the first frame, from there backwards."""
+    """Estimates of what comes before the first frame, from there backwards, until the face is lost for good."""
     if begin.since < begin.first.time:
+        seen = begin.first.time
         tracker.initialize(begin.first, begin.landmarks, begin.camera)
         for frame in backwards(begin.video, begin.since, begin.first.index):
-            yield tracker.track(frame)
+            estimate = tracker.track(frame)
+            yield estimate
+            if estimate.status.success:
+                seen = frame.time
+            elif seen - frame.time > _GONE_SECONDS:
+                return
 
 
 def run(
@@ -223,7 +231,7 @@ def run(
     """Each frame with its estimate; before the first, by index, from those that `run_back` gave."""
     for frame in begin.frames:
         if frame.index < begin.first.index:
-            yield frame, earlier.get(frame.index) or not_yet(frame)
+            yield frame, earlier.get(frame.index) or Estimate.lost(frame, "tracking begins later")
         elif frame.index == begin.first.index:
             yield frame, tracker.initialize(frame, begin.landmarks, begin.camera)
         else:

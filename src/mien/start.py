@@ -1,7 +1,8 @@
 """What tracking begins with: the camera, and a frame with its landmarks.
 
-In a file tracking begins in the frame, of the ten seconds after the first face, in which the face is best learned, and
-goes both ways from there; with a camera, in the first frame in which the face looks into it.
+In a file tracking begins in the frame in which the face is best learned, of those from the first face to ten seconds
+after it first looks into the camera, and goes both ways from there; with a camera, in the first frame in which the face
+looks into it.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain, islice, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,12 @@ from mien.initialization.looks import expected_errors
 from mien.tracking.state import Estimate
 from mien.video import Frame, Video, select
 
-LOOK_SECONDS = 10.0
-"""How long a face is looked at for the frame from which it is best learned, and how far tracking goes back at most."""
+_LOOK_SECONDS = 10.0
+"""How long a face that looks into the camera is looked at for the frame from which it is best learned."""
+_SEARCH_SECONDS = 60.0
+"""How long a face that does not look into the camera is looked at until it does."""
+_BACK_SECONDS = _LOOK_SECONDS + _SEARCH_SECONDS
+"""How far tracking goes back at most."""
 _LOOK_EVERY = 0.5
 """Seconds between two looks."""
 _LEAST_GAIN = 0.12
@@ -83,7 +88,7 @@ def prepare(
     landmarks.check(first.width, first.height)
     later = again and first is not earliest
     frames = select(source, start, end) if later else chain([first], frames)
-    since = max(earliest.time, first.time - LOOK_SECONDS) if later else first.time
+    since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
     return Start(source, first, frames, _as_written(landmarks), chosen, since, told)
 
 
@@ -99,9 +104,14 @@ def best_look(
     from mien.initialization.detector import follow, refine
 
     step = max(1, round(_LOOK_EVERY * video.fps))
-    until = min(first.time + LOOK_SECONDS, np.inf if end is None else end)
-    later = islice(select(video, first.time, until), step, None, step)
-    looks = [landmarks, *(face for _, face in follow(landmarks, later))]
+    later = islice(select(video, first.time, end), step, None, step)
+    looks, facing = [landmarks], _into_camera(landmarks, camera)
+    until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
+    in_time = takewhile(lambda frame: frame.time < until, later)
+    for _, face in follow(landmarks, in_time):
+        looks.append(face)
+        if not facing and _into_camera(face, camera):
+            facing, until = True, face.time + _LOOK_SECONDS
     fit = fit_first_frame(landmarks, camera)
     errors = expected_errors(looks, camera, fit.R, fit.t)
     best = looks[int(np.argmin(errors))]
@@ -110,6 +120,12 @@ def best_look(
     frame = next(select(video, best.time))
     refined = refine(frame, best)
     return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
+
+
+def _into_camera(face: Landmarks, camera: Camera) -> bool:
+    """Whether a face is turned so little that it is well learned."""
+    fit = fit_first_frame(face, camera)
+    return turned_deg(fit.R, fit.t) <= TURNED_DEG
 
 
 def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
@@ -136,16 +152,15 @@ class Patience:
     def __call__(self, frame: Frame) -> list[Landmarks]:
         """The faces of a frame, the largest first, if it is one to begin with. Raises MienError where MediaPipe is not
         installed."""
-        from mien.initialization.detector import detect, detect_once
+        from mien.initialization.detector import detect, look
 
-        face = detect_once(frame)
-        if face is None:
+        faces = look(frame)
+        if not faces:
             self.since = None
             return []
         if self.since is None:
             self.since = frame.time
-        fit = fit_first_frame(face, self.camera)
-        wait = turned_deg(fit.R, fit.t) > TURNED_DEG and frame.time - self.since < _PATIENCE
+        wait = frame.time - self.since < _PATIENCE and not _into_camera(faces[0], self.camera)
         return [] if wait else detect(frame)
 
 

@@ -44,9 +44,17 @@ def test_a_face_at_rest_that_looks_into_the_camera() -> None:
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_turn_costs_by_degree(axis: int) -> None:
     turn = [0.0, 0.0, 0.0]
-    turn[axis] = 20
+    turn[axis] = 14
     found = errors(look(), look(), look((turn[0], turn[1], turn[2])))
-    np.testing.assert_allclose(found, [1, 1, 1 + 20 * PER_DEGREE], atol=1e-6)
+    np.testing.assert_allclose(found, [1, 1, 1 + 14 * PER_DEGREE], atol=1e-6)
+
+
+def test_who_is_mostly_seen_from_the_side_is_learned_from_the_front() -> None:
+    """Whatever a detector makes of the side: it has no say in how the face mostly is."""
+    lips = {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
+    aside, front = look((0, 40, 0), moved=lips), look((0, 5, 0))
+    found = errors(look(), aside, front, aside, aside)
+    np.testing.assert_allclose(found, [1, np.inf, 1 + 5 * PER_DEGREE, np.inf, np.inf])
 
 
 def test_raised_brows_cost_where_they_are_mostly_not() -> None:
