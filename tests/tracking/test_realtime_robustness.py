@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from long_motion import errors_deg, in_order, leaving, sequence, shown
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.synthetic import SyntheticSequence
 from mien.tracking.realtime import RealtimeTracker
@@ -219,3 +220,23 @@ def test_a_board_before_the_lower_half() -> None:
         return image
 
     _assert_followed(_changed(covered, range(15, 25)))
+
+
+def test_a_face_that_comes_back_beside_another_one_is_found() -> None:
+    """What is tracked meanwhile has a face of its own, in the place of the one that was learned."""
+    portrait = sequence().frames[0].pixels
+    x, y = np.meshgrid(np.arange(320, dtype=np.float32), np.arange(240, dtype=np.float32))
+    across, down = x + 9 * np.sin(y / 18), y + 9 * np.sin(x / 22 + 1)
+    stranger = cv2.remap(portrait, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, ::-1]
+    nobody = np.full_like(portrait, 90)
+    tracker = RealtimeTracker()
+    tracker.initialize(Frame(np.hstack([portrait, nobody])), face().landmarks, Camera(1000, 319.5, 119.5))
+    alone = [tracker.track(Frame(np.hstack([stranger, nobody]), k)) for k in range(1, 11)]
+    assert all(estimate.status is Status.TRACKED and estimate.confidence < 0.05 for estimate in alone)
+    wait = tracker.settings.doubt_interval
+    beside = [tracker.track(Frame(np.hstack([stranger, portrait]), k)) for k in range(11, 12 + wait)]
+    assert [estimate.status for estimate in beside].count(Status.RECOVERED) == 1
+    assert beside[-1].landmarks is not None
+    known = face().landmarks.correspondences()[1].mean(axis=0)
+    np.testing.assert_allclose(beside[-1].landmarks.image.mean(axis=0) - known, [320, 0], atol=12)
+    assert beside[-1].confidence > 0.9

@@ -42,6 +42,9 @@ _UPPER_LIDS, _LOWER_LIDS = (
     [LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")
 )
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
+_DOUBTED, _BETTER = 0.1, 0.8
+"""What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
+elsewhere is preferred."""
 
 
 class RealtimeTracker:
@@ -82,7 +85,7 @@ class RealtimeTracker:
         self.motion = Motion(self.face.patches, s)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
-        self.lost_frames = 0
+        self.lost_frames = self.doubted_frames = 0
         self.known = 1.0
         self.first = self._reference()
         settled = self._settle(frame)
@@ -115,6 +118,10 @@ class RealtimeTracker:
             if found is None:
                 return self._lose(frame, view, solution)
             view, solution = found
+        elif self._doubt(solution):
+            found = self._recover(frame, _BETTER * solution.misfit(self.person.expected))
+            if found is not None:
+                (view, solution), status = found, Status.RECOVERED
         if self.lost_frames:
             status = Status.RECOVERED
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
@@ -136,14 +143,21 @@ class RealtimeTracker:
         unlike = "the image is blank" if is_blank(view.image) else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
 
-    def _recover(self, frame: Frame) -> tuple[View, Solution] | None:
-        """The face at a pose that the detector or the keyframes propose, if it is the one of the first frame."""
+    def _doubt(self, solution: Solution) -> bool:
+        """Whether to look if the face is somewhere else: from time to time while nothing says that this is it."""
+        doubtful = self.known < _DOUBTED and self._unlike(solution)
+        self.doubted_frames = self.doubted_frames + 1 if doubtful else 0
+        return doubtful and self.doubted_frames % self.settings.doubt_interval == 0
+
+    def _recover(self, frame: Frame, misfit: float = math.inf) -> tuple[View, Solution] | None:
+        """The face at a pose that the detector or the keyframes propose, if it is the one of the first frame, and there
+        is less of a misfit."""
         s = self.settings
         for placed in self._proposals(frame):
             start = Pose(*placed, self.fit.animation)
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
             view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
-            if solution.share(s.seen_distance) >= s.recovered_share:
+            if solution.share(s.seen_distance) >= s.recovered_share and solution.misfit(self.person.expected) < misfit:
                 self.closing = self.person.closing(solution)
                 return view, solution
         return None
