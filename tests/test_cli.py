@@ -21,7 +21,7 @@ import pytest
 
 from mien import cli
 from mien.initialization.landmark_files import write_landmarks
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, Point
 from mien.output.track import Track
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
@@ -243,7 +243,7 @@ def test_other_kinds_of_pixels(mien: Command, marks: Path, tmp_path: Path, pix_f
 def _detects(monkeypatch: pytest.MonkeyPatch, faces: list[Landmarks], at: int = 0) -> None:
     """The detector finds these faces in the frame with the index `at` and none before."""
 
-    def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] | None:
+    def first_with_a_face(frames: Iterable[Frame], place: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
         return next(((frame, faces) for frame in frames if faces and frame.index == at), None)
 
     monkeypatch.setattr("mien.initialization.detector.first_with_a_face", first_with_a_face)
@@ -324,6 +324,14 @@ def test_no_face_and_two_faces_with_the_real_detector(
     result = mien("track", two, "-o", "out.csv")
     assert "two.mkv: 2 faces" in result.err
     assert result.status == 0
+    asked = ("--face", 320 + 0.75 * known_portrait().landmarks.points[:, 0].mean(), 120)
+    result = mien("track", two, "-o", "right.csv", *asked)
+    assert "faces" not in result.err
+    left, right = (Track.read(tmp_path / name).table.column("x_0")[0].as_py() for name in ("out.csv", "right.csv"))
+    assert left < 320 < right
+    refused(["track", two, "--face", 320, 230], "two.mkv: no face was found at 320, 230 in its 2 frames")
+    refused(["track", two, "--face", 800, 10], "--face 800 10 lies outside the image of 560x240 pixels")
+    refused(["track", two, *asked, "--landmarks", "out.json"], "landmarks are given", "leave out --face")
 
 
 def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_path: Path) -> None:

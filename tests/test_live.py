@@ -50,8 +50,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((240, 320, 3), 128, np.uint8))
     monkeypatch.setattr(live, "create_tracker", lambda name: Told())
     face = known_portrait().landmarks
-    monkeypatch.setattr(detector, "look", lambda frame: [face] * (frame.index >= SEEN.start))
-    monkeypatch.setattr(detector, "detect", lambda frame: [face])
+    monkeypatch.setattr(detector, "look", lambda frame, at: [face] * (frame.index >= SEEN.start))
+    monkeypatch.setattr(detector, "detect", lambda frame, at: [face])
     return tmp_path
 
 

@@ -17,7 +17,7 @@ from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, Point
 from mien.tracking.state import Estimate, Status
 from mien.video import Frame, open_video
 from videos import known_portrait, portrait_images, write_video
@@ -138,7 +138,7 @@ def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize("passes", [1, 2])
 def test_progress_hears_of_the_search_for_a_face(passes: int, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    def third_frame(frames: Iterator[Frame]) -> tuple[Frame, list[Landmarks]]:
+    def third_frame(frames: Iterator[Frame], at: Point | None) -> tuple[Frame, list[Landmarks]]:
         frame = next(frame for frame in frames if frame.index == 2)
         assert heard == [(0, "lost"), (1, "lost")]  # while it is looked for
         return frame, [replace(known_portrait().landmarks, frame_index=2, time=frame.time)]

@@ -14,7 +14,7 @@ from long_motion import NOISE_SD
 from mien import start
 from mien.errors import MienWarning
 from mien.geometry.rotation import FACING, Array, angle_between, matrix_from_euler
-from mien.initialization.landmarks import Landmarks, rows_of_scheme
+from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.video import Frame, open_video
 from small_motion import face
@@ -43,7 +43,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
     def seen(frame: Frame) -> Landmarks:
         return _true_look(turning, frame.index)
 
-    def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]]:
+    def first_with_a_face(frames: Iterable[Frame], at: Point | None) -> tuple[Frame, list[Landmarks]]:
         return next((frame, [seen(frame)]) for frame in frames)
 
     def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
@@ -51,9 +51,9 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
 
     monkeypatch.setattr("mien.initialization.detector.first_with_a_face", first_with_a_face)
     monkeypatch.setattr("mien.initialization.detector.follow", follow)
-    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame: [seen(frame)])
+    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [seen(frame)])
     monkeypatch.setattr(
-        "mien.initialization.detector.look", lambda frame: [] if frame.index in hidden else [seen(frame)]
+        "mien.initialization.detector.look", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(start, "_LOOK_EVERY", 0.2)

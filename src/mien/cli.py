@@ -78,6 +78,10 @@ End = Annotated[float | None, typer.Option(help="End before this.", metavar="SEC
 AtOnce = Annotated[
     bool, typer.Option("--at-once", help="Learn the face where it is first seen, not where it is seen best.")
 ]
+Face = Annotated[
+    tuple[float, float] | None,
+    typer.Option(metavar="X Y", help="A point of the face, in pixels; the largest face if not given."),
+]
 Preset = Annotated[str, typer.Option(help="The tracker.")]
 Passes = Annotated[
     int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
@@ -133,6 +137,7 @@ def track(
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
+    face: Face = None,
     passes: Passes = 1,
     quiet: Quiet = False,
 ) -> None:
@@ -152,6 +157,7 @@ def track(
             start=start,
             end=end,
             at_once=at_once,
+            face=face,
             passes=passes,
             progress=progress,
             save=output,
@@ -219,6 +225,7 @@ def landmarks(
     fov: Fov = None,
     start: Start = None,
     at_once: AtOnce = False,
+    face: Face = None,
     quiet: Quiet = False,
 ) -> None:
     """Find the face of VIDEO where tracking begins; write its landmarks, and a picture of the fitted mesh.
@@ -239,6 +246,7 @@ def landmarks(
         fov_deg=fov,
         start=start,
         at_once=at_once,
+        face=face,
     )
     if not quiet:
         typer.echo(f"the fitted mesh is {fit.residual_px:.2f} pixels (root mean square) from the landmarks")

@@ -23,7 +23,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import write_landmarks
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, Point
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
@@ -68,6 +68,7 @@ def track(
     start: float | None = None,
     end: float | None = None,
     at_once: bool = False,
+    face: Point | None = None,
     passes: int = 1,
     progress: Progress | None = None,
     save: str | Path | None = None,
@@ -80,7 +81,8 @@ def track(
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
     camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
     seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one that shows it best
-    of the ten seconds after it looks into the camera, of a camera, where it first does. passes: 2 tracks a file twice,
+    of the ten seconds after it looks into the camera, of a camera, where it first does. face: a point of the image, in
+    pixels, at which the face is that is tracked; the largest, where none is given. passes: 2 tracks a file twice,
     the second time with the shape of the face that the first has taught: more accurate, half as fast. save: where
     NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
 
@@ -100,7 +102,7 @@ def track(
         if progress is not None:
             progress(estimate, total)
 
-    begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, at_once, tell)
+    begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, at_once, face, tell)
     _check_passes(passes, source, tracker, preset)
     for turn in range(1, passes + 1):
         if turn > 1 and isinstance(tracker, RepeatableTracker):
@@ -193,6 +195,7 @@ def write_first_frame(
     fov_deg: float | None = None,
     start: float | None = None,
     at_once: bool = False,
+    face: Point | None = None,
 ) -> FirstFrame:
     """Write the landmarks of the frame in which tracking begins, and a picture of the mesh that is fitted to them; give
     the fit."""
@@ -202,7 +205,7 @@ def write_first_frame(
     for path in (Path(output), Path(plot)):
         require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
         require_writable(path)
-    begin = prepare(open_video(video), landmarks, camera, focal_px, fov_deg, start, at_once=at_once)
+    begin = prepare(open_video(video), landmarks, camera, focal_px, fov_deg, start, at_once=at_once, face=face)
     fit = fit_first_frame(begin.landmarks, begin.camera)
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)

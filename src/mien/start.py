@@ -19,7 +19,7 @@ from mien.errors import MienError, require, warn
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization.fit import fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import expected_errors
 from mien.tracking.state import Estimate
 from mien.video import Frame, Video, select
@@ -64,20 +64,26 @@ def prepare(
     start: float | None = None,
     end: float | None = None,
     at_once: bool = False,
+    face: Point | None = None,
     tell: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Start:
     """Choose the camera, find the face: where landmarks are given, in their frame; else in the first frame that shows
-    one, and `tell` hears of those before it, or, unless `at_once`, in a later one from which it is better learned.
-    Raises MienError for bad input."""
+    one, and `tell` hears of those before it, or, unless `at_once`, in a later one from which it is better learned. Of
+    several faces the largest, or the one at the point `face`. Raises MienError for bad input."""
     frames = select(source, start, end)
     earliest = next(frames)
     chosen = choose_camera(earliest, camera, focal_px, fov_deg)
     again = source.path is not None  # a camera shows every frame once: what came before the face is gone
     told = 0
+    if face is not None:
+        require(landmarks is None, "landmarks are given, which say already where the face is; leave out --face")
+        inside = 0 <= face[0] < earliest.width and 0 <= face[1] < earliest.height
+        size = f"{earliest.width}x{earliest.height}"
+        require(inside, f"--face {face[0]:g} {face[1]:g} lies outside the image of {size} pixels")
     if landmarks is None:
         search = chain([earliest], frames)
-        patience = None if again or at_once else Patience(chosen)
-        first, landmarks = find_face(search, source.name, lambda frame: tell(not_yet(frame)), patience)
+        patience = None if again or at_once else Patience(chosen, face)
+        first, landmarks = find_face(search, source.name, lambda frame: tell(not_yet(frame)), patience, face)
         told = first.index
         if again and not at_once:
             first, landmarks = best_look(first, landmarks, chosen, source, end)
@@ -145,8 +151,9 @@ class Patience:
     """What looks for the face of a camera, which shows every frame once, so that there is no better one to go back to:
     it waits a while for the face to look into the camera."""
 
-    def __init__(self, camera: Camera) -> None:
-        self.camera = camera
+    def __init__(self, camera: Camera, at: Point | None = None) -> None:
+        """at: pixels; only a face there is waited for."""
+        self.camera, self.at = camera, at
         self.since: float | None = None
 
     def __call__(self, frame: Frame) -> list[Landmarks]:
@@ -154,22 +161,26 @@ class Patience:
         installed."""
         from mien.initialization.detector import detect, look
 
-        faces = look(frame)
+        faces = look(frame, self.at)
         if not faces:
             self.since = None
             return []
         if self.since is None:
             self.since = frame.time
         wait = frame.time - self.since < _PATIENCE and not _into_camera(faces[0], self.camera)
-        return [] if wait else detect(frame)
+        return [] if wait else detect(frame, self.at)
 
 
 def find_face(
-    frames: Iterable[Frame], name: str, without_face: Callable[[Frame], None], patience: Patience | None = None
+    frames: Iterable[Frame],
+    name: str,
+    without_face: Callable[[Frame], None],
+    patience: Patience | None = None,
+    at: Point | None = None,
 ) -> tuple[Frame, Landmarks]:
-    """The first frame with a face, or the first with which patience would begin, and the largest face that is there;
-    `without_face` is called with those before it. Raises MienError if there is none; warns where it is not the first of
-    the frames, or has several faces."""
+    """The first frame with a face, or the first with which patience would begin, and the largest face that is there, or
+    the one at a point; `without_face` is called with those before it. Raises MienError if there is none; warns where it
+    is not the first of the frames, or has several faces."""
     from mien.initialization.detector import first_with_a_face
 
     times: list[float] = []
@@ -181,19 +192,23 @@ def find_face(
             without_face(frame)
 
     if patience is None:
-        found = first_with_a_face(noted())
+        found = first_with_a_face(noted(), at)
     else:
         found = next(((frame, faces) for frame in noted() if (faces := patience(frame))), None)
     if found is None:
+        place = "" if at is None else f" at {at[0]:g}, {at[1]:g}"
         raise MienError(
-            f"{name}: no face was found in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
+            f"{name}: no face was found{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
             "annotate one and pass --landmarks, or enlarge or brighten the video"
         )
     first, faces = found
     if len(times) > 1:
         warn(f"{name}: a face is first found at {first.time:.2f} s")
     if len(faces) > 1:
-        warn(f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked")
+        warn(
+            f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked, "
+            "--face X Y chooses another"
+        )
     return first, replace(faces[0], source=f"{name}, detected face")
 
 

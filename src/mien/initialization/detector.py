@@ -27,7 +27,7 @@ import numpy as np
 
 from mien.errors import MienError
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks
+from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Point
 from mien.video import Frame, Pixels
 
 NO_DETECTOR = (
@@ -46,27 +46,29 @@ _DISTANT_EVERY = 15
 _LARGE_PX, _QUARTER = 750, 0.55
 """Width from which on a face that is large enough to be tracked may be too small to be found in the whole frame; a
 quarter's side over the frame's: some more than a half, for the faces between two."""
+_BESIDE = 0.75
+"""How far from its centre a point is at a face, in sizes of the face."""
 _OUTVOTED = 0.22
 """Mean difference of coordinates, in sizes of the face, above which what is seen in a copy is another face."""
 
 
-def detect(frame: Frame) -> list[Landmarks]:
-    """The faces of a frame, largest first, scheme `mediapipe478`, with depths.
+def detect(frame: Frame, at: Point | None = None) -> list[Landmarks]:
+    """The faces of a frame, largest first, scheme `mediapipe478`, with depths. at: pixels; only faces there count.
 
     Raises MienError where MediaPipe is not installed.
     """
-    found = first_with_a_face([frame])
+    found = first_with_a_face([frame], at)
     return [] if found is None else found[1]
 
 
-def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] | None:
+def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
     """The first frame in which there is a face, with the faces of it as `detect` gives them; None where none has one.
 
     Raises MienError where MediaPipe is not installed.
     """
     with _finder(_MAXIMUM_FACES) as finder:
         for k, frame in enumerate(frames):
-            seen = finder.largest_first(frame, distant=k % _DISTANT_EVERY == 0)
+            seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
             seen_again = (_average(frame, face) for face in seen)
             faces = [_landmarks(frame, face) for face in seen_again if face is not None]
             if faces:
@@ -74,13 +76,13 @@ def first_with_a_face(frames: Iterable[Frame]) -> tuple[Frame, list[Landmarks]] 
     return None
 
 
-def look(frame: Frame) -> list[Landmarks]:
-    """The faces of a frame from a single look, the largest first, for finding a face again.
+def look(frame: Frame, at: Point | None = None) -> list[Landmarks]:
+    """The faces of a frame as `detect` gives them, but from a single look, for finding a face again.
 
     Raises MienError where MediaPipe is not installed.
     """
     with _finder(_MAXIMUM_FACES) as finder:
-        return [_landmarks(frame, face) for face in finder.largest_first(frame)]
+        return [_landmarks(frame, face) for face in finder.largest_first(frame, at=at)]
 
 
 def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
@@ -138,6 +140,16 @@ def _place(face: Array) -> _Place:
     return 0.5 * (low + high), float((high - low).max())
 
 
+def _there(faces: list[Array], at: Point | None) -> list[Array]:
+    """Those faces (478, 3) that are at a point, or hardly beside it; all where none is given."""
+    places = [_place(face) for face in faces]
+    return [
+        face
+        for face, (centre, size) in zip(faces, places, strict=True)
+        if at is None or np.abs(centre - at).max() < _BESIDE * size
+    ]
+
+
 def _size(face: Array) -> float:
     return _place(face)[1]
 
@@ -173,9 +185,10 @@ class _Finder:
         )
         self.detection: Any = None
 
-    def largest_first(self, frame: Frame, distant: bool = True) -> list[Array]:
-        """Points (478, 3) of every face that is seen; distant: also of those that are small in the image."""
-        faces = self.near(frame) or (self.distant(frame) if distant else [])
+    def largest_first(self, frame: Frame, distant: bool = True, at: Point | None = None) -> list[Array]:
+        """Points (478, 3) of every face that is seen, at a point where one is given; distant: where there is none, also
+        of those that are small in the image."""
+        faces = _there(self.near(frame), at) or (_there(self.distant(frame), at) if distant else [])
         return sorted(faces, key=lambda face: -float(np.ptp(face[:, :2], axis=0).prod()))
 
     def near(self, frame: Frame) -> list[Array]:

@@ -79,6 +79,8 @@ _SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "mediapipe478": (478, _MEDIAPIPE478),
 }
 SCHEMES = tuple(_SCHEMES)
+Point = tuple[float, float]
+"""Pixels of the image, x and y."""
 
 
 def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
