@@ -176,8 +176,12 @@ def _draw_landmarks(canvas: Pixels, landmarks: TrackedLandmarks, scale: int) -> 
 
 
 def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int, int]]) -> None:
-    """Dots with a dark rim; the hidden ones are rings."""
-    radius = max(2.6, canvas.shape[1] / 250)
+    """Dots with a dark rim, smaller on a small face; the hidden ones are rings."""
+    known = points[np.isfinite(points).all(axis=1)]
+    if not len(known):
+        return
+    face = float(np.ptp(known, axis=0).max()) or np.inf  # one point says nothing of its size
+    radius = min(max(2.6, canvas.shape[1] / 250), max(1.2, face / 45))
     for point, colour in zip(points, colours, strict=True):
         if not np.isfinite(point).all():
             continue
