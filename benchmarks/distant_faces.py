@@ -15,13 +15,14 @@ from time import perf_counter
 
 import cv2
 import numpy as np
+from recordings import videos_of
 from skimage import data
 
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization import detector
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import VIDEO_SUFFIXES, Frame, Pixels, open_video
+from mien.video import Frame, Pixels, open_video
 
 FACES_PX = (40, 50, 60, 80, 100, 120, 140, 160, 200)
 PLACES = 3
@@ -33,19 +34,16 @@ FRAMES = 100
 
 def faces(recordings: Path) -> Iterator[tuple[Frame, Landmarks]]:
     """The first frame of every recording that shows a face, and that face."""
-    for path in sorted(recordings.iterdir()):
-        if path.suffix.lower() in VIDEO_SUFFIXES:
-            frame = next(iter(open_video(path)))
-            found = detector.look(frame)
-            if found:
-                yield frame, found[0]
+    for path in videos_of(recordings):
+        frame = next(iter(open_video(path)))
+        found = detector.look(frame)
+        if found:
+            yield frame, found[0]
 
 
 def painted(frame: Frame, face: Landmarks, size_px: int, centre: tuple[int, int]) -> Pixels:
     """The room with a face, and as much around it as it is large, of a size in pixels at a place."""
-    low, high = face.points.min(axis=0), face.points.max(axis=0)
-    size = float((high - low).max())
-    middle = 0.5 * (low + high)
+    middle, size = detector._place(face.points)
     x, y = np.maximum(middle - size, 0).astype(int)
     part = frame.pixels[y : int(middle[1] + size), x : int(middle[0] + size)]
     small = cv2.resize(part, None, fx=size_px / size, fy=size_px / size, interpolation=cv2.INTER_AREA)
@@ -87,9 +85,7 @@ def lost_ms(width: int, height: int) -> float:
     """Milliseconds a frame in which a face that was tracked is gone."""
     empty = np.asarray(cv2.resize(data.coffee(), (width, height)), np.uint8)
     portrait = data.astronaut()[:240, 64:384]
-    shown = empty.copy()
-    shown[:] = cv2.resize(portrait, (width, height), interpolation=cv2.INTER_CUBIC)
-    first = Frame(shown)
+    first = Frame(np.asarray(cv2.resize(portrait, (width, height), interpolation=cv2.INTER_CUBIC), np.uint8))
     tracker = RealtimeTracker()
     camera = Camera.from_fov(width, height, DEFAULT_FOV_DEG)
     tracker.initialize(first, detector.detect(first)[0], camera)

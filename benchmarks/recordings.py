@@ -21,7 +21,7 @@ from mien.video import VIDEO_SUFFIXES
 
 def videos_of(folder: Path) -> list[Path]:
     """The videos of a folder, in order."""
-    return sorted(path for path in folder.iterdir() if path.suffix in VIDEO_SUFFIXES)
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
 
 
 def asked(description: str | None) -> tuple[list[Path], float]:

@@ -17,12 +17,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from recordings import videos_of
 
 from mien.evaluation.datasets import load_dataset
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization.detector import detect, look
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import VIDEO_SUFFIXES, Frame, Pixels, open_video
+from mien.video import Frame, Pixels, open_video
 
 SIZE, FACE_PX = (320, 240), 110
 BEFORE, BETWEEN, AFTER = 20, 10, 30
@@ -35,7 +36,7 @@ def faces(recordings: Path, rendered: Path) -> Iterator[tuple[str, list[Pixels]]
     persons: dict[str, Path] = {}
     for sequence in load_dataset("rendered", rendered):
         persons.setdefault(sequence.name.split("_")[0], sequence.video)
-    videos = {path.stem: path for path in sorted(recordings.iterdir()) if path.suffix.lower() in VIDEO_SUFFIXES}
+    videos = {path.stem: path for path in videos_of(recordings)}
     for name, path in (videos | persons).items():
         frames = list(islice(open_video(path), BEFORE + BETWEEN + AFTER))
         found = look(frames[0])

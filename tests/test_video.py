@@ -60,6 +60,18 @@ def test_a_video_is_played_backwards_in_parts(held: int, video: Path, monkeypatc
     assert not list(backwards(open_video(video), begin=0.06, end=2))
 
 
+def test_where_no_key_frame_is_found_a_video_is_played_backwards_all_the_same(
+    video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = frames_of(video)
+    monkeypatch.setattr("mien.video.HELD_BYTES", 3 * frames[0].pixels.nbytes)
+    monkeypatch.setattr("mien.video.VideoFile.between", lambda video, begin, until: iter(frames[:1]))
+    played = list(backwards(open_video(video), begin=0.0, end=8))
+    assert [f.index for f in played] == [7, 6, 5, 4, 3, 2, 1, 0]
+    for f in played:
+        np.testing.assert_array_equal(f.pixels, frames[f.index].pixels)
+
+
 def test_variable_frame_rate_keeps_the_true_times(tmp_path: Path) -> None:
     times = [0, 40, 50, 200, 1000, 1033]
     path = write_video(tmp_path / "vfr.mkv", [gradient(i) for i in range(6)], times_ms=times)

@@ -17,7 +17,7 @@ import numpy as np
 
 from mien.errors import MienError, require, warn
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
-from mien.initialization.fit import fit_first_frame, turned_deg
+from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import expected_errors
@@ -111,14 +111,14 @@ def best_look(
 
     step = max(1, round(_LOOK_EVERY * video.fps))
     later = islice(select(video, first.time, end), step, None, step)
-    looks, facing = [landmarks], _into_camera(landmarks, camera)
+    fit = fit_first_frame(landmarks, camera)
+    looks, facing = [landmarks], _into_camera(fit)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
     for _, face in follow(landmarks, in_time):
         looks.append(face)
-        if not facing and _into_camera(face, camera):
+        if not facing and _into_camera(fit_first_frame(face, camera)):
             facing, until = True, face.time + _LOOK_SECONDS
-    fit = fit_first_frame(landmarks, camera)
     errors = expected_errors(looks, camera, fit.R, fit.t)
     best = looks[int(np.argmin(errors))]
     if errors[0] - errors.min() < _LEAST_GAIN:
@@ -128,9 +128,8 @@ def best_look(
     return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
 
 
-def _into_camera(face: Landmarks, camera: Camera) -> bool:
+def _into_camera(fit: FirstFrame) -> bool:
     """Whether a face is turned so little that it is well learned."""
-    fit = fit_first_frame(face, camera)
     return turned_deg(fit.R, fit.t) <= TURNED_DEG
 
 
@@ -167,7 +166,7 @@ class Patience:
             return []
         if self.since is None:
             self.since = frame.time
-        wait = frame.time - self.since < _PATIENCE and not _into_camera(faces[0], self.camera)
+        wait = frame.time - self.since < _PATIENCE and not _into_camera(fit_first_frame(faces[0], self.camera))
         return [] if wait else detect(frame, self.at)
 
 

@@ -142,7 +142,8 @@ def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, ...
         if [frame.time for frame in found] == list(times) and all(frame.pixels.shape == size for frame in found):
             return [replace(frame, index=index) for frame, index in zip(found, indices, strict=True)]
     until = itertools.takewhile(lambda frame: frame.index <= indices[-1], video)
-    return [frame for frame in until if frame.index in indices]
+    wanted = set(indices)
+    return [frame for frame in until if frame.index in wanted]
 
 
 def expected_count(video: Video, start: float | None = None, end: float | None = None) -> int | None:

@@ -16,7 +16,6 @@ import os
 import sys
 import threading
 from collections.abc import Iterable, Iterator
-from functools import partial
 from importlib import import_module
 from itertools import product
 from types import ModuleType
@@ -92,13 +91,12 @@ def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, La
     """
     with _finder(_MAXIMUM_FACES) as finder:
         for frame in frames:
-            for faces in (finder.near, partial(finder.closer, place=_place(face.points))):
-                here = (_landmarks(frame, found) for found in faces(frame))
-                same = min(here, key=lambda found: _apart(found, face), default=face)
-                if same is not face and _apart(same, face) < _SAME_PLACE:
-                    face = same
-                    yield frame, face
-                    break
+            same = _same(frame, finder.near(frame), face)
+            if same is None:
+                same = _same(frame, finder.closer(frame, _place(face.points)), face)
+            if same is not None:
+                face = same
+                yield frame, face
 
 
 def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
@@ -109,6 +107,13 @@ def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
     assert face.depths is not None, "a detected face has depths"
     seen_again = _average(frame, np.column_stack([face.points, face.depths]))
     return None if seen_again is None else _landmarks(frame, seen_again)
+
+
+def _same(frame: Frame, faces: list[Array], before: Landmarks) -> Landmarks | None:
+    """The face of a frame that is where one was before, None where none is."""
+    here = (_landmarks(frame, face) for face in faces)
+    nearest = min(here, key=lambda found: _apart(found, before), default=None)
+    return nearest if nearest is not None and _apart(nearest, before) < _SAME_PLACE else None
 
 
 def _apart(a: Landmarks, b: Landmarks) -> float:
@@ -142,15 +147,13 @@ def _place(face: Array) -> _Place:
 
 def _there(faces: list[Array], at: Point | None) -> list[Array]:
     """Those faces (478, 3) that are at a point, or hardly beside it; all where none is given."""
-    places = [_place(face) for face in faces]
-    return [
-        face
-        for face, (centre, size) in zip(faces, places, strict=True)
-        if at is None or np.abs(centre - at).max() < _BESIDE * size
-    ]
+    if at is None:
+        return faces
+    return [face for face in faces if np.abs(_place(face)[0] - at).max() < _BESIDE * _size(face)]
 
 
 def _size(face: Array) -> float:
+    """Larger side of a face (478, 3) in pixels."""
     return _place(face)[1]
 
 

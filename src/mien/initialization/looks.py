@@ -19,6 +19,7 @@ PER_DEGREE, PER_UPPER, PER_LOWER = 1 / 50, 20.0, 3.5
 """What a degree of turn, and the distance of brows and lids, and of the lips, from where they mostly are, in distances
 of the eyes, add to the error of a track, that of one begun at rest being 1."""
 _MORE_TURNED_DEG = 15.0
+"""How much more than the least turned look another may be turned to count."""
 _NAMES = tuple(name for name in LANDMARK_NAMES if name in rows_by_name("mediapipe478"))
 _UPPER = np.array(["brow" in name or "eyelid" in name for name in _NAMES])
 _LOWER = np.array(["lip" in name or "mouth" in name for name in _NAMES])

@@ -177,14 +177,12 @@ def _draw_landmarks(canvas: Pixels, landmarks: TrackedLandmarks, scale: int) -> 
 
 def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int, int]]) -> None:
     """Dots with a dark rim, smaller on a small face; the hidden ones are rings."""
-    known = points[np.isfinite(points).all(axis=1)]
-    if not len(known):
+    known = [(point, colour) for point, colour in zip(points, colours, strict=True) if np.isfinite(point).all()]
+    if not known:
         return
-    face = float(np.ptp(known, axis=0).max()) or np.inf  # one point says nothing of its size
+    face = float(np.ptp([point for point, _ in known], axis=0).max()) or np.inf  # one point says nothing of its size
     radius = min(max(2.6, canvas.shape[1] / 250), max(1.2, face / 45))
-    for point, colour in zip(points, colours, strict=True):
-        if not np.isfinite(point).all():
-            continue
+    for point, colour in known:
         centre, r = tuple(_fixed_point(point).tolist()), int(radius * (1 << _SHIFT))
         if colour == HIDDEN:
             cv2.circle(canvas, centre, r, colour, 1, cv2.LINE_AA, _SHIFT)

@@ -117,7 +117,7 @@ class Keyframes:
             columns, rows = (1 + np.maximum(np.ceil((size - side) / (side - face)), 0)).astype(int)
             corner = np.array([around % columns, around // columns % rows]) * (side - face)
         x, y = np.clip(np.rint(corner), 0, np.maximum(size - round(side), 0)).astype(int)
-        return frame.gray[y : y + round(side), x : x + round(side)], np.array([x, y])
+        return Frame(frame.pixels[y : y + round(side), x : x + round(side)]).gray, np.array([x, y])
 
     def _place(
         self, keyframe: Keyframe, p: Array, descriptors: NDArray[np.float32], scale: float
