@@ -16,6 +16,7 @@ from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.person import TRACKED
 from mien.tracking.realtime import RealtimeTracker
+from mien.video import Frame
 from small_motion import face, run, turn_error_deg
 
 FIRST = np.array([0.1, -0.2])
@@ -34,7 +35,7 @@ def test_a_step_by_hand() -> None:
     adaptation = _adaptation(forgetting=0.2, adaptation_turn_deg=10.0)
     residual = np.random.default_rng(0).normal(size=(1, 128)).astype(np.float32)
     angles = FIRST + np.radians([0, 10.0])
-    adaptation.learn(angles, residual, np.array([True, False]))
+    adaptation.learn_eyes(angles, residual, np.array([True, False]))
     np.testing.assert_allclose(adaptation.offset(angles)[0], 0.5 * 0.2 * residual[0], rtol=1e-4)
     np.testing.assert_allclose(adaptation.offset(FIRST - np.radians([0, 10.0]))[0], -0.5 * 0.2 * residual[0], rtol=1e-4)
     assert not adaptation.offset(angles)[1].any()
@@ -47,10 +48,24 @@ def test_what_grows_with_the_turn_is_learned_and_nothing_in_the_first_view() -> 
     for _ in range(400):
         turn = rng.uniform(-0.5, 0.5, 2)
         residual = np.einsum("a,ank->nk", turn, truth) - adaptation.offset(FIRST + turn)
-        adaptation.learn(FIRST + turn, residual.astype(np.float32), np.array([True, True]))
+        adaptation.learn_eyes(FIRST + turn, residual.astype(np.float32), np.array([True, True]))
     turn = np.array([0.3, -0.4])
     np.testing.assert_allclose(adaptation.offset(FIRST + turn), np.einsum("a,ank->nk", turn, truth), atol=0.01)
     assert not adaptation.offset(FIRST).any()
+
+
+def test_a_view_is_learned_where_the_face_has_turned_and_nothing_in_the_first_view() -> None:
+    residual = np.random.default_rng(0).normal(size=(1, 128)).astype(np.float32)
+    adaptation, turned = _adaptation(), FIRST + np.radians([5.0, 40.0])
+    for _ in range(60):
+        adaptation.learn_view(turned, residual - adaptation.offset(turned)[:1], np.array([True, False]))
+    np.testing.assert_allclose(adaptation.offset(turned)[0], residual[0], atol=0.01)
+    np.testing.assert_allclose(adaptation.share(turned), [1, 0], atol=0.01)
+    for elsewhere in (FIRST, FIRST + np.radians([0, -40.0])):
+        np.testing.assert_allclose(adaptation.offset(elsewhere), 0, atol=1e-6)
+        np.testing.assert_allclose(adaptation.share(elsewhere), 0, atol=1e-6)
+    near = FIRST + np.radians([0, 12.0])
+    assert 0 < adaptation.share(near)[0] < 0.5
 
 
 @cache
@@ -90,7 +105,7 @@ def _run(sequence: SyntheticSequence, **settings: float) -> tuple[RealtimeTracke
 def test_eyes_behind_reflections_are_seen_again() -> None:
     """After half of the turns; without it a third of them is hidden there, or looks strange."""
     _, error, seen = _run(_with_reflections())
-    _, error_without, seen_without = _run(_with_reflections(), forgetting=0)
+    _, error_without, seen_without = _run(_with_reflections(), forgetting=0, view_rate=0)
     later = slice(FRAMES // 2, None)
     assert seen_without[later].mean() < 0.75
     assert seen[later].mean() > 0.9
@@ -116,3 +131,34 @@ def test_what_passes_before_the_face_is_not_learned() -> None:
     as_it_is, _, _ = _run(_turning())
     assert np.abs(tracker.person.adaptation.slope).max() <= np.abs(as_it_is.person.adaptation.slope).max() + 1e-6
     assert error[90:].mean() < 0.5
+
+
+@cache
+def _unlike_the_first() -> SyntheticSequence:
+    """The face turning by 36 degrees to one side and back, blotched all over when it has turned by more than 12."""
+    angles = np.zeros((120, 3))
+    angles[:, 1] = -18 * (1 - np.cos(np.arange(120) / 119 * 2 * np.pi))
+    states = moved(face(), angles, np.zeros((120, 3)), np.zeros((120, 6)))
+    blotches = cv2.GaussianBlur(np.random.default_rng(3).normal(size=(240, 320)), (0, 0), 3)
+    blotched = face().frame.pixels * np.clip(1 + 5 * blotches, 0.3, 1.7)[:, :, None]
+    other = replace(face(), frame=Frame(np.clip(blotched, 0, 255).astype(np.uint8)))
+    plain, strange = (make_sequence(portrait, states, noise_sd=1) for portrait in (face(), other))
+    share = np.clip((-angles[:, 1] - 12) / 18, 0, 1)
+    frames = tuple(
+        replace(a, pixels=cv2.addWeighted(a.pixels, 1 - s, b.pixels, s, 0))
+        for a, b, s in zip(plain.frames, strange.frames, share.tolist(), strict=True)
+    )
+    return replace(plain, frames=frames)
+
+
+def test_a_face_that_looks_otherwise_when_it_has_turned_is_followed() -> None:
+    """What the first frame shows says nothing there: without what is learned on the way, it is not believed."""
+    followed = RealtimeTracker()
+    estimates = run(followed, _unlike_the_first())
+    alone = run(RealtimeTracker(RealtimeSettings().model_copy(update={"view_rate": 0.0})), _unlike_the_first())
+    turned = slice(45, 75)
+    assert turn_error_deg(estimates, _unlike_the_first()).max() < 3
+    sure, unsure = (np.array([e.confidence for e in track]) for track in (estimates, alone))
+    assert sure[turned].mean() > 0.5 > unsure[turned].mean()
+    assert sure[turned].max() < sure[:10].min()  # what is learned on the way is less certain
+    assert sure[-1] > 0.95

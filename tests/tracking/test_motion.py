@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -89,6 +90,36 @@ def test_patches_agree_that_have_long_been_the_same(tracker: RealtimeTracker) ->
     assert motion.agreement.max() < 0.9
 
 
+def test_a_picture_that_dissolves_into_another_is_the_same_from_frame_to_frame_and_not_after_a_while(
+    tracker: RealtimeTracker,
+) -> None:
+    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
+    other = np.random.default_rng(0).normal(0, 40, view.image.shape)
+    other = cv2.GaussianBlur(other.astype(np.float32), (0, 0), 2) * 6 + 128
+    person, weight = tracker.person.arrays, np.ones(len(tracker.person.neutral))
+    motion, agreements = Motion(tracker.face.patches, tracker.settings), []
+    for share in np.clip(np.arange(50) / 20 - 1, 0, 1).astype(np.float32):
+        image = (1 - share) * view.image + share * other
+        agreements.append(motion.remember(image, person, tracker.pose.arrays, view.geometry, weight))
+    last, later = np.array(agreements[1:]).T
+    assert last.min() > 0.9
+    assert later[:20].min() > 0.99
+    assert later.min() < 0.6
+    assert later[-1] > 0.95  # the other picture, which stays
+
+
+def test_what_looks_strange_everywhere_is_compared_everywhere(tracker: RealtimeTracker) -> None:
+    """Weights of nothing but strange landmarks say that they can be seen, no more."""
+    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
+    person, strange = tracker.person.arrays, np.full(len(tracker.person.neutral), 0.01)
+    motion = Motion(tracker.face.patches, tracker.settings)
+    found = [motion.remember(view.image, person, tracker.pose.arrays, view.geometry, strange) for _ in range(2)]
+    np.testing.assert_allclose(found, [(0, 0), (1, 1)], atol=1e-4)
+    hidden = motion.remember(view.image, person, tracker.pose.arrays, view.geometry, 0 * strange)
+    assert motion.remember(view.image, person, tracker.pose.arrays, view.geometry, 0 * strange)[0] == 0
+    assert hidden[0] == pytest.approx(1)  # they were seen in the frame before
+
+
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
     person, prior = tracker.person.arrays, tracker._prior(tracker._stay())
@@ -170,7 +201,7 @@ def test_a_face_is_the_same_in_the_next_frame_and_another_picture_is_not(next_fr
         view, solution = tracker._fine(next_frame, tracker._stay())
         tracker.pose = solution.pose
         seen = tracker._look(tracker.face.fine, frame, solution.pose)
-        agreements.append(tracker._remember(replace(seen, facing=view.facing), solution))
+        agreements.append(tracker._remember(replace(seen, facing=view.facing), solution)[0])
     same, noised, other = agreements
     assert same > 0.97
     assert 0.5 < noised < same

@@ -14,6 +14,7 @@ and contrast of each patch left free.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,9 @@ _OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
 """Weight above which a landmark is the face's, and how many such landmarks say that it is the same as before."""
 _AGREEMENT_RATE = 0.05
 """How fast a patch's agreement rises, by frame: one that was covered has to move with the face for 45 of them."""
+_LOOK_BACK, _LASTING = 12, 4
+"""Frames after which a patch is compared with itself once more, as one picture may dissolve into another's, alike from
+frame to frame; and for how many it has to look different, so that a quick grimace does not count."""
 _LEAST_GREY = 1.0
 """Grey values: patches that agree better than this agree by chance."""
 
@@ -48,31 +52,33 @@ class Motion:
         self.patches = patches
         self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
-        self.agreement = np.zeros(len(patches))
+        self.agreement = np.ones(len(patches))
+        self.seen: deque[tuple[Array, Array]] = deque(maxlen=_LOOK_BACK + 1)
+        self.later: deque[float] = deque(maxlen=_LASTING)
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
         view: tuple[Array, ...], weight: Array,
-    ) -> float:  # fmt: skip
+    ) -> tuple[float, float]:  # fmt: skip
         """Take the patches from a crop in which the face is at a pose (R, t, animation).
 
         person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
-        each landmark is the face's and not something's before it. Returns the median correlation of the patches with
-        those that were the face's in the frame before; 0 where there were hardly any.
+        each landmark is the face's and not something's before it, 0 where it cannot be seen. Returns the median
+        correlations of the patches with those that were the face's in the frame before, and the highest of the last
+        four frames' with those that were it 12 frames ago and still are; 0 where hardly any can be seen.
         """
-        before, face = self.template, self.weight > _OF_THE_FACE
         self.template = take_patches(image, person, self.patches, pose, view)
-        self.weight = weight
-        if before is None:
-            return 0.0
-        (old, old_norms), (new, new_norms) = before[:2], self.template[:2]
-        correlation = (old * new).sum(axis=1) / np.maximum(old_norms * new_norms, 1e-6)
+        values, norms = self.template[:2]
+        patches, last_weight, self.weight = values / np.maximum(norms, 1e-3)[:, None], self.weight, weight
+        self.seen.append((patches, weight))
+        if len(self.seen) == 1:
+            return 0.0, 0.0
+        (earlier, earlier_weight), (last, _) = self.seen[0], self.seen[-2]
+        correlation = (last * patches).sum(axis=1)
         self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
         np.minimum(self.agreement, correlation, out=self.agreement)
-        if face.sum() < _LEAST_PATCHES:
-            return 0.0
-        ordered = np.sort(correlation[face])  # their median, at a tenth of the time of np.median
-        return float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
+        self.later.append(_median((earlier * patches).sum(axis=1), np.minimum(earlier_weight, weight)))
+        return _median(correlation, last_weight), max(self.later)
 
     def measure(
         self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]
@@ -95,6 +101,17 @@ class Motion:
         turn, shift = math.sqrt(step[:3] @ step[:3]), math.sqrt(step[3:6] @ step[3:6])
         length = np.array([turn] * 3 + [shift] * 3 + step[6:].tolist())
         return np.asarray(floor**2 + (s.motion_share * length) ** 2)
+
+
+def _median(correlation: Array, weight: Array) -> float:
+    """Of the correlations (n,) of patches that are the face's by their weight (n,); where hardly one is, the whole face
+    may look strange, and all count that can be seen."""
+    face = weight > _OF_THE_FACE
+    of_face = correlation[face if face.sum() >= _LEAST_PATCHES else weight > 0]
+    if len(of_face) < _LEAST_PATCHES:
+        return 0.0
+    ordered = np.sort(of_face)  # at a tenth of the time of np.median
+    return float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
 
 
 @kernel()

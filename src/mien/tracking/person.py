@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 
 import numpy as np
@@ -32,6 +33,9 @@ TRUSTED = 0.25
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
 _FAR = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
+_LEARNED = 0.7
+"""Share of a look that was learned while the face turned, above which it teaches nothing of the shape: it has the error
+of the pose that was believed then."""
 _SAME_PATCH = 0.9
 """Agreement above which a patch has moved with the face."""
 
@@ -99,6 +103,12 @@ class Person:
         known = self.adaptation.begun and level is self.face.fine
         return self.adaptation.offset(pose.angles) if known else self.adaptation.nothing
 
+    def learned_share(self, solution: Solution) -> float:
+        """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
+        there, and are not the first frame's."""
+        share = self.adaptation.share(solution.pose.angles)[solution.facing]
+        return float(share.mean()) if len(share) else 0.0
+
     def misplaced(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
         units do. animation: the last frame's: in this frame's guess an error would excuse itself."""
@@ -118,9 +128,18 @@ class Person:
         moved_along = self.eyes & (agreement > _SAME_PATCH)
         strange = solution.facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
         if strange.any():
-            self.adaptation.learn(solution.pose.angles, self.residual(solution, strange), strange)
+            self.adaptation.learn_eyes(solution.pose.angles, self.residual(solution, strange), strange)
         if s.learn_shape:
             self._learn_shape(solution)
+
+    def learn_view(self, solution: Solution, agreement: Array) -> None:
+        """How the face looks where it has turned away from the first frame's view: from a frame in which it is known to
+        be the same face, however strange it looks. agreement: (n,) of each patch with the motion before."""
+        s, angles = self.settings, solution.pose.angles
+        strange = solution.facing & (agreement > _SAME_PATCH) & (solution.d2 > s.view_strange_distance * self.expected)
+        turned = math.degrees(math.hypot(*(angles - self.adaptation.first))) > s.view_turn_deg
+        if turned and strange.any():
+            self.adaptation.learn_view(angles, self.residual(solution, strange), strange)
 
     def _weigh(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
@@ -131,6 +150,8 @@ class Person:
 
     def _learn_shape(self, solution: Solution) -> None:
         s, pose = self.settings, solution.pose
+        if self.learned_share(solution) > _LEARNED:
+            return
         tilt, pan = pose.angles
         expression = pose.animation - self.rest
         worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
@@ -138,7 +159,7 @@ class Person:
         if novelty < s.least_novelty:
             return
         regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
-        weight = novelty * solution.w
+        weight = novelty * solution.w * (1 - self.adaptation.share(pose.angles))
         Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
         self.neutral = self.shape.add(self.neutral, Lambda, gradient)
 

@@ -42,6 +42,8 @@ _UPPER_LIDS, _LOWER_LIDS = (
     [LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")
 )
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
+_KNOWN = 0.5
+"""What `still_known` says of a face from which is learned how it looks when it has turned."""
 _DOUBTED, _BETTER = 0.1, 0.8
 """What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
 elsewhere is preferred."""
@@ -132,7 +134,9 @@ class RealtimeTracker:
             self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        self.known = still_known(self.known, familiar, self._remember(view, solution))
+        self.known = still_known(self.known, familiar, *self._remember(view, solution))
+        if self.known > _KNOWN and status is Status.TRACKED:
+            self.person.learn_view(solution, self.motion.agreement)
         return self._estimate(frame, status, solution)
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
@@ -227,8 +231,9 @@ class RealtimeTracker:
         drift = self.motion.drift(self.pose.step_to(pose))
         return Prediction(pose, np.linalg.inv(self.spread + covariance + np.diag(drift)))
 
-    def _remember(self, view: View, solution: Solution) -> float:
-        """Keep what the next frame's motion is measured from; returns how well it agrees with the last frame's."""
+    def _remember(self, view: View, solution: Solution) -> tuple[float, float]:
+        """Keep what the next frame's motion is measured from; returns how well it agrees with the last frame's, and
+        with that of some frames ago."""
         self.spread = solution.spread
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
         return self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)
@@ -334,8 +339,9 @@ class RealtimeTracker:
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
         share = float(seen.mean())
+        relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         covariance = state_covariance(
-            solution.spread, solution.d2[seen], share, self.pose.R, self.first, self.person.shape.relief_sd
+            solution.spread, solution.d2[seen], share, self.pose.R, self.first, relief_sd, learned
         )
         sure = confidence(covariance, solution.telling, share, self.pose.R, self.first.R, self.known)
         return Estimate(

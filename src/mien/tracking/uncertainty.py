@@ -24,6 +24,8 @@ MISFIT_DISTANCE = 1.3
 RELIEF_SCALE, RELIEF_LEAST = 0.42, 0.0235
 """Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
 small: by that of the relief, and at least."""
+LEARNED_SCALE = 0.25
+"""The same where the look of the turned face was learned while it turned."""
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
@@ -43,7 +45,10 @@ turn, and the width of the step: between strangers and the same face of three su
 _SAME_CORRELATION = 0.9
 """Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
 one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-_RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.01
+_SAME_LATER, _UNFAMILIAR = 0.85, 0.5
+"""The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
+frames have more, on the way into another's picture hardly any face has."""
+_RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
 """How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and one
 whose picture dissolves into another's is the same patch by patch."""
 _STILL_KNOWN = 0.9
@@ -62,14 +67,16 @@ class Reference:
     axes_sd: Array
 
 
-def state_covariance(spread: Array, d2: Array, seen: float, R: Array, first: Reference, relief_sd: float) -> Array:
+def state_covariance(
+    spread: Array, d2: Array, seen: float, R: Array, first: Reference, relief_sd: float, learned: float = 0.0
+) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
     error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
-    relief_sd: see `systematic_covariance`."""
+    relief_sd, learned: see `systematic_covariance`."""
     covariance = frame_variance(d2, seen) * spread * _SCALES * _SCALES[:, None]
     covariance[[3, 4], [3, 4]] += ACROSS_SD**2
-    covariance[:3, :3] += systematic_covariance(R, first, relief_sd)
+    covariance[:3, :3] += systematic_covariance(R, first, relief_sd, learned)
     return np.asarray(covariance)
 
 
@@ -81,13 +88,15 @@ def frame_variance(d2: Array, seen: float) -> float:
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
-def systematic_covariance(R: Array, first: Reference, relief_sd: float) -> Array:
+def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
     """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
     A relief that is too deep along the first frame's ray, by a share of standard deviation relief_sd, turns too little,
-    about the axis of the turn out of that frame's image plane. Where the axes are wrong by d, every R is R exp(d), an
+    about the axis of the turn out of that frame's image plane. So does a face whose look, by a share `learned`, was
+    learned where the tracker believed it to be when it turned. Where the axes are wrong by d, every R is R exp(d), an
     error of R d, of which the first frame has first.R d."""
     (x, y, z), (a, b, c) = first.ray.tolist(), (R @ (first.ray @ first.R)).tolist()
-    turn = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST) * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+    share = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST, LEARNED_SCALE * learned)
+    turn = share * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
     moved = (R - first.R) * first.axes_sd
     return np.asarray(turn[:, None] * turn + moved @ moved.T)
 
@@ -122,10 +131,11 @@ def familiarity(d2: Array, R: Array, R_first: Array) -> float:
     return _logistic((stranger + by_turn * turn - best_quarter) / width)
 
 
-def still_known(known: float, familiar: float, agreement: float) -> float:
+def still_known(known: float, familiar: float, agreement: float, agreement_later: float) -> float:
     """Probability that it is known whose face this is, from that of the last frame, its familiarity, and the agreement
-    of its patches with the last frame's."""
-    if agreement <= _SAME_CORRELATION:
+    of its patches with the last frame's, and with those of some frames before."""
+    dissolved = familiar < _UNFAMILIAR and agreement_later <= _SAME_LATER
+    if agreement <= _SAME_CORRELATION or dissolved:
         return 0.0
     return known + (_RECOGNITION_RATE if familiar > known else _DOUBT_RATE) * (familiar - known)
 
