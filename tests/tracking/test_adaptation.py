@@ -64,7 +64,7 @@ def test_a_view_is_learned_where_the_face_has_turned_and_nothing_in_the_first_vi
     for elsewhere in (FIRST, FIRST + np.radians([0, -40.0])):
         np.testing.assert_allclose(adaptation.offset(elsewhere), 0, atol=1e-6)
         np.testing.assert_allclose(adaptation.share(elsewhere), 0, atol=1e-6)
-    near = FIRST + np.radians([0, 12.0])
+    near = FIRST + np.radians([0, 25.0])
     assert 0 < adaptation.share(near)[0] < 0.5
 
 

@@ -70,4 +70,4 @@ class PoseRegression:
 
     def mean(self, terms: Array, landmarks: NDArray[np.bool_] | slice = slice(None)) -> Float32:
         """Means (k, 128) of k of the landmarks, all unless given, at a pose given by the polynomial's terms (p,)."""
-        return np.asarray(np.einsum("p,npc->nc", terms.astype(np.float32), self.coefficients[landmarks]))
+        return np.asarray(terms.astype(np.float32) @ self.coefficients[landmarks])

@@ -6,9 +6,9 @@ stands off it, and what a lens reflects stays where it is; and of a cheek that f
 There means follow what is seen, by an offset that is nil in the first frame's view, to which they stay tied: what looks
 as it should is not adapted, and does not drift.
 
-Eyes: a linear function of the turn. A turned face: bumps over tilt and pan, the further from the first frame's view the
-more, so that what is learned there says nothing of the front. Elsewhere nothing is adapted: it would be a hand at the
-chin, or a grimace, that is learned.
+Eyes: a linear function of the turn. A turned face: views about the first frame's, each the more the further it is, so
+that what is learned there says nothing of the front. Elsewhere nothing is adapted: it would be a hand at the chin, or a
+grimace, that is learned.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.appearance.descriptors import Float32
 from mien.config import RealtimeSettings
@@ -24,12 +23,11 @@ from mien.geometry.rotation import Array
 from mien.tracking.state import Mask
 
 _ENTRIES = 128
-_BUMPS = np.radians([(tilt, pan) for tilt in range(-45, 46, 15) for pan in range(-75, 76, 15)])
-"""Turns (k, 2) from the first frame's view about which the look of a turned face is learned."""
-_BUMP_SD = math.radians(12.0)
-_LEAST_BUMP = 0.02
+_TILTS, _PANS = 7, 11
+"""How many turns from the first frame's view there are at which the look of a turned face is learned."""
+_SPACING = math.radians(15.0)
 _DAMPING = 0.3
-"""Of the step: where bumps are low, near the first frame's view, hardly anything is learned."""
+"""Of the step: near the first frame's view hardly anything is learned."""
 
 
 class Adaptation:
@@ -40,22 +38,26 @@ class Adaptation:
         self.first = first
         self.settings = settings
         self.slope = np.zeros((2, n * _ENTRIES), np.float32)  # by tilt and by pan
-        self.views = np.zeros((len(_BUMPS), n * _ENTRIES), np.float32)
-        self.learned = np.zeros((len(_BUMPS), n), np.float32)
+        self.views = np.zeros((_TILTS * _PANS, n * _ENTRIES), np.float32)
+        self.learned = np.zeros((_TILTS * _PANS, n), np.float32)
         self.nothing = np.zeros((n, _ENTRIES), np.float32)
         self.begun = False
 
     def offset(self, angles: Array) -> Float32:
         """(n, 128) at a tilt and pan (2,)."""
         turn = (angles - self.first).astype(np.float32)
-        near, height = self._bumps(angles)
-        return np.asarray((turn @ self.slope + height @ self.views[near]).reshape(self.nothing.shape))
+        offset = turn @ self.slope
+        for k, weight in self._near(angles):
+            offset += weight * self.views[k]
+        return np.asarray(offset.reshape(self.nothing.shape))
 
-    def share(self, angles: Array) -> Float32:
+    def share(self, angles: Array) -> Array:
         """(n,) how far the look of each landmark at a tilt and pan (2,) is learned here: 0 where it is the first
         frame's, 1 where it is what was seen when the face turned there."""
-        near, height = self._bumps(angles)
-        return np.asarray(np.clip(height @ self.learned[near], 0, 1))
+        share = np.zeros(len(self.nothing))
+        for k, weight in self._near(angles):
+            share += weight * self.learned[k]
+        return share
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is what was
@@ -70,17 +72,33 @@ class Adaptation:
     def learn_view(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """The same of a face that has turned away from the first frame's view."""
         self.begun = True
-        near, height = self._bumps(angles)
+        near = self._near(angles)
         missing = (1 - self.share(angles)) * strange
-        rate = self.settings.view_rate * height / (height @ height + _DAMPING)
-        for k, by_bump in zip(near, rate, strict=True):
-            self.views[k].reshape(self.nothing.shape)[strange] += by_bump * residual
-            self.learned[k] += by_bump * missing
+        change = np.zeros_like(self.nothing)
+        change[strange] = residual
+        step = self.settings.view_rate / (sum(weight * weight for _, weight in near) + _DAMPING)
+        for k, weight in near:
+            self.views[k] += step * weight * change.ravel()
+            self.learned[k] += step * weight * missing
 
-    def _bumps(self, angles: Array) -> tuple[NDArray[np.intp], Float32]:
-        """The bumps (m,) that reach a tilt and pan (2,), and their heights (m,) there."""
-        turn = angles - self.first
-        away = 1 - math.exp(-0.5 * float(turn @ turn) / math.radians(self.settings.view_turn_deg) ** 2)
-        height = away * np.exp(-0.5 * ((turn - _BUMPS) ** 2).sum(axis=1) / _BUMP_SD**2)
-        near = np.flatnonzero(height > _LEAST_BUMP)
-        return near, height[near].astype(np.float32)
+    def _near(self, angles: Array) -> list[tuple[int, float]]:
+        """The four views about a tilt and pan (2,), and what each counts there: bilinear between them, and the less the
+        nearer the first frame's view is."""
+        tilt, pan = (angles - self.first).tolist()
+        away = 1 - math.exp(-0.5 * (tilt * tilt + pan * pan) / math.radians(self.settings.view_turn_deg) ** 2)
+        row, down = _place(tilt, _TILTS)
+        column, right = _place(pan, _PANS)
+        k = row * _PANS + column
+        return [
+            (k, away * (1 - down) * (1 - right)),
+            (k + 1, away * (1 - down) * right),
+            (k + _PANS, away * down * (1 - right)),
+            (k + _PANS + 1, away * down * right),
+        ]
+
+
+def _place(angle: float, count: int) -> tuple[int, float]:
+    """Index of the view before an angle, of `count` in a row about 0, and how far it is to the next, in [0, 1]."""
+    place = min(max(angle / _SPACING + (count - 1) / 2, 0.0), count - 1.0)
+    before = min(int(place), count - 2)
+    return before, place - before

@@ -38,6 +38,7 @@ _LEAST_CHANGE = 0.01
 _HALF, _BEYOND = np.minimum(2 * _WAY, 1.0), np.maximum(2 * _WAY - 1, 0.0)
 _BESIDE = np.stack([np.ones(len(_WAY)), _BEYOND - _HALF, -_BEYOND], axis=1)
 """(31, 3): what is seen, less half closed and shut eyes by their shares, is what lies beside each place."""
+_PAIRS = (_BESIDE[:, :, None] * _BESIDE[:, None, :]).reshape(len(_WAY), -1)
 _OPEN = np.exp(-0.5 * (_WAY / _OPEN_SD) ** 2)
 _OPEN /= _OPEN.sum()
 _CLOSED = np.minimum(_WAY / _SHUT, 1.0)
@@ -68,7 +69,7 @@ def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing 
 
 def _log_likelihood(products: Array) -> Array:
     """(31,) of each place, from the products (3, 3) of what is seen and of the looks of half closed and shut eyes."""
-    distance = ((_BESIDE @ products) * _BESIDE).sum(axis=1)
+    distance = _PAIRS @ products.ravel()
     return np.asarray(-0.5 * _DIMENSIONS * np.log(np.maximum(distance, 1e-6)))
 
 

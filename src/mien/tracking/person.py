@@ -106,8 +106,8 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
         there, and are not the first frame's."""
-        share = self.adaptation.share(solution.pose.angles)[solution.facing]
-        return float(share.mean()) if len(share) else 0.0
+        facing = np.count_nonzero(solution.facing)
+        return float(self.adaptation.share(solution.pose.angles) @ solution.facing) / facing if facing else 0.0
 
     def misplaced(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the

@@ -213,7 +213,7 @@ class RealtimeTracker:
         predicted and what is found, each weighed by its information."""
         s = self.settings
         seen = found.seen(s.seen_distance)
-        share = float(seen.mean())
+        share = np.count_nonzero(seen) / len(seen)
         if share >= s.hold_share:
             return found
         sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation)
@@ -338,7 +338,7 @@ class RealtimeTracker:
         seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
-        share = float(seen.mean())
+        share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         covariance = state_covariance(
             solution.spread, solution.d2[seen], share, self.pose.R, self.first, relief_sd, learned

@@ -112,7 +112,8 @@ class Solution:
 
     def share(self, most: float) -> float:
         """Share of the landmarks that can be seen whose squared distance is at most `most`."""
-        return float((self.telling <= most).mean()) if len(self.telling) >= _LEAST_LANDMARKS else 0.0
+        telling = self.telling
+        return np.count_nonzero(telling <= most) / len(telling) if len(telling) >= _LEAST_LANDMARKS else 0.0
 
     def misplacement(self, most: float) -> Array:
         """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
