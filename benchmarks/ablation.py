@@ -174,6 +174,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "angles of patches believed entirely": _set(appearance_angle_sd_deg=0.01),
     "angles of patches ignored": _set(appearance_angle_sd_deg=1000),
     "eyes that look strange not adapted": _set(forgetting=0),
+    "turned faces not learned": _set(view_rate=0),
 }
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import mien
 from mien.errors import MienWarning
 from mien.geometry.rotation import Array, angle_between, matrix_from_euler
+from mien.tracking.state import Mask
 from mien.video import VIDEO_SUFFIXES
 
 
@@ -38,14 +39,14 @@ def rotations(track: mien.Track) -> Array:
     return np.stack([matrix_from_euler(angles) for angles in np.radians(track.euler_deg)])
 
 
-def apart_deg(a: Array, b: Array) -> Array:
+def apart_deg(a: Array, b: Array, known: Mask | None = None) -> Array:
     """(n,) angles in degrees between two tracks (n, 3, 3) of one head with axes of its own each; NaN where one has
-    lost it."""
+    lost it. known: (n,) the frames over which the axes are aligned, all unless given."""
     D = np.swapaxes(a, 1, 2) @ b
-    known = np.isfinite(D).all(axis=(1, 2))
-    U, _, Vt = np.linalg.svd(D[known].mean(axis=0))
+    there = np.isfinite(D).all(axis=(1, 2))
+    U, _, Vt = np.linalg.svd(D[there if known is None else there & known].mean(axis=0))
     apart = np.full(len(D), np.nan)
-    apart[known] = np.degrees(angle_between(D[known], U @ Vt))
+    apart[there] = np.degrees(angle_between(D[there], U @ Vt))
     return apart
 
 

@@ -23,9 +23,9 @@ from mien.geometry.rotation import Array
 from mien.tracking.state import Mask
 
 _ENTRIES = 128
-_TILTS, _PANS = 7, 11
+_TILTS, _PANS = 5, 9
 """How many turns from the first frame's view there are at which the look of a turned face is learned."""
-_SPACING = math.radians(15.0)
+_SPACING = math.radians(20.0)
 _DAMPING = 0.3
 """Of the step: near the first frame's view hardly anything is learned."""
 
