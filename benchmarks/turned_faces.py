@@ -31,7 +31,7 @@ def turns_deg(R: Array) -> Array:
 
 def rows(path: Path, seconds: float) -> Iterator[str]:
     """What came of the frames of one recording, by turn."""
-    peer = rotations(mien.track(path, preset="mediapipe", at_once=True, end=seconds))
+    peer = rotations(mien.track(path, preset="mediapipe", end=seconds))
     track = mien.track(path, end=seconds)
     turn = turns_deg(peer)
     apart = apart_deg(peer, rotations(track), (turn < FRONT_DEG) & (track.confidence > 0.5))

@@ -68,6 +68,15 @@ def test_a_view_is_learned_where_the_face_has_turned_and_nothing_in_the_first_vi
     assert 0 < adaptation.share(near)[0] < 0.5
 
 
+def test_a_share_is_never_more_than_all() -> None:
+    """Learned where the views count for half, and asked where they count for all."""
+    adaptation, nothing = _adaptation(), np.zeros((2, 128), np.float32)
+    for _ in range(200):
+        adaptation.learn_view(FIRST + np.radians([0, 14.0]), nothing, np.array([True, True]))
+    assert adaptation.learned.max() > 1.2
+    np.testing.assert_allclose(adaptation.share(FIRST + np.radians([0, 22.0])), 1)
+
+
 @cache
 def _turning() -> SyntheticSequence:
     """The face turning from side to side, by up to 20 degrees."""

@@ -57,7 +57,7 @@ class Adaptation:
         share = np.zeros(len(self.nothing))
         for k, weight in self._near(angles):
             share += weight * self.learned[k]
-        return share
+        return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is what was
