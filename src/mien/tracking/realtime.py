@@ -28,6 +28,7 @@ from mien.tracking.shape import ShapePosterior
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
+    SAME_LATER,
     Reference,
     confidence,
     familiarity,
@@ -43,7 +44,8 @@ _UPPER_LIDS, _LOWER_LIDS = (
 )
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 _KNOWN = 0.5
-"""What `still_known` says of a face from which is learned how it looks when it has turned."""
+"""What `still_known` says of a face from which is learned how it looks when it has turned: and only where it is the same
+as twelve frames ago, since in a quick turn, or in a picture that dissolves, something else would be learned."""
 _DOUBTED, _BETTER = 0.1, 0.8
 """What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
 elsewhere is preferred."""
@@ -135,7 +137,7 @@ class RealtimeTracker:
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         self.known = still_known(self.known, familiar, *self._remember(view, solution))
-        if self.known > _KNOWN and status is Status.TRACKED:
+        if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
             self.person.learn_view(solution, self.motion.agreement)
         return self._estimate(frame, status, solution)
 

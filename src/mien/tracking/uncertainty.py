@@ -45,7 +45,7 @@ turn, and the width of the step: between strangers and the same face of three su
 _SAME_CORRELATION = 0.9
 """Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
 one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-_SAME_LATER, _UNFAMILIAR = 0.85, 0.5
+SAME_LATER, _UNFAMILIAR = 0.85, 0.5
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
 frames have more, on the way into another's picture hardly any face has."""
 _RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
@@ -134,7 +134,7 @@ def familiarity(d2: Array, R: Array, R_first: Array) -> float:
 def still_known(known: float, familiar: float, agreement: float, agreement_later: float) -> float:
     """Probability that it is known whose face this is, from that of the last frame, its familiarity, and the agreement
     of its patches with the last frame's, and with those of some frames before."""
-    dissolved = familiar < _UNFAMILIAR and agreement_later <= _SAME_LATER
+    dissolved = familiar < _UNFAMILIAR and agreement_later <= SAME_LATER
     if agreement <= _SAME_CORRELATION or dissolved:
         return 0.0
     return known + (_RECOGNITION_RATE if familiar > known else _DOUBT_RATE) * (familiar - known)
