@@ -44,8 +44,8 @@ _UPPER_LIDS, _LOWER_LIDS = (
 )
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 _KNOWN = 0.5
-"""What `still_known` says of a face from which is learned how it looks when it has turned: and only where it is the same
-as twelve frames ago, since in a quick turn, or in a picture that dissolves, something else would be learned."""
+"""What `still_known` says of a face from which is learned how it looks when it has turned, and only where it is the
+same as twelve frames ago: in a jump, or a picture that dissolves, something else would be learned."""
 _DOUBTED, _BETTER = 0.1, 0.8
 """What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
 elsewhere is preferred."""
