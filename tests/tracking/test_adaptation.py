@@ -144,7 +144,7 @@ def test_what_passes_before_the_face_is_not_learned() -> None:
 
 @cache
 def _unlike_the_first() -> SyntheticSequence:
-    """The face turning by 36 degrees to one side and back in ten seconds, blotched all over when it has turned by more than 12."""
+    """The face turning by 36 degrees to one side and back in ten seconds, blotched all over beyond 12."""
     angles = np.zeros((240, 3))
     angles[:, 1] = -18 * (1 - np.cos(np.arange(240) / 239 * 2 * np.pi))
     states = moved(face(), angles, np.zeros((240, 3)), np.zeros((240, 6)))
