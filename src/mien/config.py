@@ -124,7 +124,7 @@ class RealtimeSettings(Settings):
     shape_bin_deg: float = Field(5.0, gt=0, description="poses this near repeat each other's errors")
     forgetting: float = Field(0.1, ge=0, lt=1, description="alpha of Eq. (7), for eyes that look strange")
     strange_distance: float = Field(4.0, ge=0, description="distance over the expected one from which they do")
+    adaptation_turn_deg: float = Field(5.0, gt=0, description="turn at which half of that is learned")
     view_rate: float = Field(0.3, ge=0, lt=1, description="alpha of Eq. (7), for a face that has turned")
     view_strange_distance: float = Field(2.5, ge=0, description="distance over the expected one from which it learns")
     view_turn_deg: float = Field(12.0, gt=0, description="turn below which it does not")
-    adaptation_turn_deg: float = Field(5.0, gt=0, description="turn at which half of that is learned")

@@ -106,8 +106,7 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
         there, and are not the first frame's."""
-        facing = np.count_nonzero(solution.facing)
-        return float(self.adaptation.share(solution.pose.angles) @ solution.facing) / facing if facing else 0.0
+        return _mean(self.adaptation.share(solution.pose.angles), solution.facing)
 
     def misplaced(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
@@ -150,7 +149,8 @@ class Person:
 
     def _learn_shape(self, solution: Solution) -> None:
         s, pose = self.settings, solution.pose
-        if self.learned_share(solution) > _LEARNED:
+        share = self.adaptation.share(pose.angles)
+        if _mean(share, solution.facing) > _LEARNED:
             return
         tilt, pan = pose.angles
         expression = pose.animation - self.rest
@@ -159,10 +159,16 @@ class Person:
         if novelty < s.least_novelty:
             return
         regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
-        weight = novelty * solution.w * (1 - self.adaptation.share(pose.angles))
+        weight = novelty * solution.w * (1 - share)
         Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
         self.neutral = self.shape.add(self.neutral, Lambda, gradient)
 
     def _moved(self, animation: Array) -> Array:
         """How far (n, 3) an animation moves the landmarks, head axes."""
         return np.asarray((animation @ self.units.reshape(6, -1)).reshape(-1, 3))
+
+
+def _mean(values: Array, of: Mask) -> float:
+    """Mean of the values (n,) that are `of` (n,), 0 where none is."""
+    count = np.count_nonzero(of)
+    return float(values @ of) / count if count else 0.0

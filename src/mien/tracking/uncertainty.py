@@ -49,8 +49,8 @@ SAME_LATER, _UNFAMILIAR = 0.85, 0.5
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
 frames have more, on the way into another's picture hardly any face has."""
 _RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
-"""How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and one
-whose picture dissolves into another's is the same patch by patch."""
+"""How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and what
+is the same patch by patch may have come slowly."""
 _STILL_KNOWN = 0.9
 """How probable it is that a face that no longer looks like that of the first frame is it, when it is the same as in the
 frame before: about how often the rotation is right then, over what its covariance says."""
