@@ -4,7 +4,7 @@
 |---|---|---|
 | outer and inner corner of the right eye | 36, 39 | 33, between 133 and 155 |
 | inner and outer corner of the left eye | 42, 45 | between 362 and 382, 263 |
-| tip of the nose, its base | 30, 33 | 4, 2 |
+| tip of the nose, its base | 30, 33 | 4, between 94 and 164 |
 | under the right and the left nostril | 31, 35 | between 97 and 98, 326 and 327 |
 | right and left corner of the mouth | 48, 54 | 61, 291 |
 | middle of the outer upper and lower lip | 51, 57 | 0, 17 |
