@@ -33,7 +33,7 @@ _OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
 """Weight above which a landmark is the face's, and how many such landmarks say that it is the same as before."""
 _AGREEMENT_RATE = 0.05
 """How fast a patch's agreement rises, by frame: one that was covered has to move with the face for 45 of them."""
-_LOOK_BACK, _LASTING = 12, 4
+LOOK_BACK, _LASTING = 12, 4
 """Frames after which a patch is compared with itself once more, as one picture may dissolve into another's, alike from
 frame to frame; and for how many it has to look different, so that a quick grimace does not count."""
 _LEAST_GREY = 1.0
@@ -53,7 +53,7 @@ class Motion:
         self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
         self.agreement = np.ones(len(patches))
-        self.seen: deque[tuple[Array, Array]] = deque(maxlen=_LOOK_BACK + 1)
+        self.seen: deque[tuple[Array, Array]] = deque(maxlen=LOOK_BACK + 1)
         self.later: deque[float] = deque(maxlen=_LASTING)
 
     def remember(

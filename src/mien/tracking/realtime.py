@@ -19,15 +19,17 @@ from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level
-from mien.tracking.motion import JAW_DROP, Motion
+from mien.tracking.motion import JAW_DROP, LOOK_BACK, Motion
 from mien.tracking.person import JAW, TRUSTED, Person
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
+from mien.tracking.scene import Scene
 from mien.tracking.shape import ShapePosterior
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
+    ANOTHER_LATER,
     SAME_LATER,
     Reference,
     confidence,
@@ -46,6 +48,8 @@ _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 _KNOWN = 0.5
 """What `still_known` says of a face from which is learned how it looks when it has turned, and only where it is the
 same as twelve frames ago: in a jump, or a picture that dissolves, something else would be learned."""
+_FACE_RADIUS, _SAME_SCENE = 1.3, 0.8
+"""CANDIDE units around the face that are not its surroundings, and their correlation above which they are the same."""
 _DOUBTED, _BETTER = 0.1, 0.8
 """What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
 elsewhere is preferred."""
@@ -87,6 +91,7 @@ class RealtimeTracker:
         self.rest_information[JAW_DROP] = 1 / s.rest_jaw**2
         self.velocity = np.zeros(12)
         self.motion = Motion(self.face.patches, s)
+        self.scene = Scene(LOOK_BACK)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = self.doubted_frames = 0
@@ -136,10 +141,21 @@ class RealtimeTracker:
             self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        self.known = still_known(self.known, familiar, *self._remember(view, solution))
+        agreement, agreement_later = self._remember(view, solution)
+        self.scene.remember(frame)
+        dissolved = familiar < 0.5 and self._dissolved(frame, agreement_later)
+        self.known = still_known(self.known, familiar, agreement, dissolved)
         if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
             self.person.learn_view(solution, self.motion.agreement)
         return self._estimate(frame, status, solution)
+
+    def _dissolved(self, frame: Frame, agreement_later: float) -> bool:
+        """Whether the picture may have dissolved into another one's: the face is not as it was twelve frames ago, and
+        neither are its surroundings, or it is nothing like it."""
+        if ANOTHER_LATER < agreement_later <= SAME_LATER:
+            radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
+            return self.scene.correlation(frame, self.camera.project(self.pose.t)[0], radius) <= _SAME_SCENE
+        return agreement_later <= ANOTHER_LATER
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""

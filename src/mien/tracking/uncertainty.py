@@ -45,9 +45,10 @@ turn, and the width of the step: between strangers and the same face of three su
 _SAME_CORRELATION = 0.9
 """Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
 one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-SAME_LATER, _UNFAMILIAR = 0.85, 0.5
+SAME_LATER, ANOTHER_LATER = 0.85, 0.75
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
-frames have more, on the way into another's picture hardly any face has."""
+frames have more than the first, on the way into another's picture hardly any face has. In between, what surrounds the
+face has to tell."""
 _RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
 """How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and what
 is the same patch by patch may have come slowly."""
@@ -131,10 +132,9 @@ def familiarity(d2: Array, R: Array, R_first: Array) -> float:
     return _logistic((stranger + by_turn * turn - best_quarter) / width)
 
 
-def still_known(known: float, familiar: float, agreement: float, agreement_later: float) -> float:
-    """Probability that it is known whose face this is, from that of the last frame, its familiarity, and the agreement
-    of its patches with the last frame's, and with those of some frames before."""
-    dissolved = familiar < _UNFAMILIAR and agreement_later <= SAME_LATER
+def still_known(known: float, familiar: float, agreement: float, dissolved: bool) -> float:
+    """Probability that it is known whose face this is, from that of the last frame, its familiarity, the agreement of
+    its patches with the last frame's, and whether the picture may have dissolved into another one's."""
     if agreement <= _SAME_CORRELATION or dissolved:
         return 0.0
     return known + (_RECOGNITION_RATE if familiar > known else _DOUBT_RATE) * (familiar - known)

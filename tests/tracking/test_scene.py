@@ -1,0 +1,79 @@
+"""The surroundings of a face: on pictures of noise, in which something stays and something changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.geometry.rotation import Array
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.scene import Scene
+from mien.tracking.uncertainty import ANOTHER_LATER, SAME_LATER
+from mien.video import Frame
+from small_motion import run, small_motion
+
+SIZE = (120, 160)
+FACE, RADIUS = np.array([80.0, 60.0]), 30.0
+Y, X = np.mgrid[: SIZE[0], : SIZE[1]]
+IN_FACE = np.hypot(X - FACE[0], Y - FACE[1]) < RADIUS
+
+
+def _noise(seed: int) -> Frame:
+    return Frame(np.random.default_rng(seed).integers(0, 256, (*SIZE, 3), np.uint8))
+
+
+def _correlation(*frames: Frame, radius: float = RADIUS) -> float:
+    scene = Scene(look_back=2)
+    for frame in frames:
+        scene.remember(frame)
+    return scene.correlation(frames[-1], FACE, radius)
+
+
+def test_a_hand_before_the_face_leaves_its_surroundings_as_they_were() -> None:
+    hand = Frame(np.where(IN_FACE[..., None], 200, _noise(0).pixels).astype(np.uint8))
+    assert _correlation(_noise(0), hand) == pytest.approx(1)
+
+
+def test_brighter_surroundings_are_the_same() -> None:
+    brighter = Frame((40 + 0.7 * _noise(0).pixels).astype(np.uint8))
+    assert _correlation(_noise(0), brighter) > 0.999
+
+
+def test_another_picture_has_other_surroundings() -> None:
+    assert abs(_correlation(_noise(0), _noise(1))) < 0.2
+
+
+def test_it_looks_back_as_far_as_it_was_told() -> None:
+    assert _correlation(_noise(0), _noise(1), _noise(0)) == pytest.approx(1)
+    assert abs(_correlation(_noise(0), _noise(1), _noise(1), _noise(0))) < 0.2
+
+
+def test_of_a_face_that_fills_the_picture_and_of_a_blank_one_it_says_nothing() -> None:
+    assert _correlation(_noise(0), _noise(0), radius=95.0) == 0
+    blank = Frame(np.zeros((*SIZE, 3), np.uint8))
+    assert _correlation(blank, blank) == 0
+
+
+def test_pictures_of_a_few_pixels() -> None:
+    tiny = Frame(np.arange(27, dtype=np.uint8).reshape(3, 3, 3))
+    assert _correlation(tiny, tiny, radius=0.1) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("agreement", "elsewhere", "dissolved"),
+    [
+        (SAME_LATER + 0.01, True, False),
+        (SAME_LATER - 0.01, True, True),
+        (SAME_LATER - 0.01, False, False),
+        (ANOTHER_LATER - 0.01, False, True),
+    ],
+)
+def test_a_picture_has_dissolved_where_face_and_surroundings_are_others(
+    agreement: float, elsewhere: bool, dissolved: bool
+) -> None:
+    truth, tracker = small_motion(), RealtimeTracker()
+    run(tracker, truth)
+    last = truth.frames[-1]
+    pixels: Array = np.rot90(last.pixels, 2) if elsewhere else last.pixels
+    tracker.scene.remember(Frame(pixels, last.index))
+    assert tracker._dissolved(last, agreement) == dissolved
