@@ -24,7 +24,7 @@ MISFIT_DISTANCE = 1.3
 RELIEF_SCALE, RELIEF_LEAST = 0.42, 0.0235
 """Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
 small: by that of the relief, and at least."""
-LEARNED_SCALE = 0.25
+LEARNED_SCALE = 0.15
 """The same where the look of the turned face was learned while it turned."""
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
