@@ -45,7 +45,7 @@ turn, and the width of the step: between strangers and the same face of three su
 _SAME_CORRELATION = 0.9
 """Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
 one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-SAME_LATER, ANOTHER_LATER = 0.85, 0.75
+SAME_LATER, ANOTHER_LATER = 0.85, 0.6
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
 frames have more than the first, on the way into another's picture hardly any face has. In between, what surrounds the
 face has to tell."""
