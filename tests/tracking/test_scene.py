@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mien.geometry.rotation import Array
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.scene import Scene
-from mien.tracking.uncertainty import ANOTHER_LATER, SAME_LATER
 from mien.video import Frame
 from small_motion import run, small_motion
 
@@ -59,21 +57,10 @@ def test_pictures_of_a_few_pixels() -> None:
     assert _correlation(tiny, tiny, radius=0.1) == pytest.approx(1)
 
 
-@pytest.mark.parametrize(
-    ("agreement", "elsewhere", "dissolved"),
-    [
-        (SAME_LATER + 0.01, True, False),
-        (SAME_LATER - 0.01, True, True),
-        (SAME_LATER - 0.01, False, False),
-        (ANOTHER_LATER - 0.01, False, True),
-    ],
-)
-def test_a_picture_has_dissolved_where_face_and_surroundings_are_others(
-    agreement: float, elsewhere: bool, dissolved: bool
-) -> None:
+def test_the_surroundings_of_the_face_that_is_tracked() -> None:
     truth, tracker = small_motion(), RealtimeTracker()
     run(tracker, truth)
     last = truth.frames[-1]
-    pixels: Array = np.rot90(last.pixels, 2) if elsewhere else last.pixels
-    tracker.scene.remember(Frame(pixels, last.index))
-    assert tracker._dissolved(last, agreement) == dissolved
+    assert tracker._surroundings(last) > 0.8
+    tracker.scene.remember(Frame(np.rot90(last.pixels, 2), last.index))
+    assert tracker._surroundings(last) < 0.8

@@ -17,6 +17,7 @@ from mien.tracking.uncertainty import (
     TRANSLATION_SCALE,
     Reference,
     confidence,
+    is_same,
     state_covariance,
     still_known,
     systematic_covariance,
@@ -125,13 +126,27 @@ def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
 def test_it_is_soon_known_whose_face_it_is_and_doubted_later() -> None:
     known = [0.0]
     for familiar in [1.0] * 30 + [0.0] * 100:
-        known.append(still_known(known[-1], familiar, agreement=0.99, dissolved=False))
+        known.append(still_known(known[-1], familiar, same=True))
     assert known[10] == pytest.approx(1 - 0.9**10)
     assert known[-1] == pytest.approx(known[30] * 0.998**100)
     assert known[45] > 0.9  # a grimace of half a second changes little
-    assert still_known(1.0, 1.0, agreement=0.5, dissolved=False) == 0
+    assert still_known(1.0, 1.0, same=False) == 0
 
 
-def test_after_a_picture_that_may_have_dissolved_it_is_not_known() -> None:
-    assert still_known(1.0, 0.1, agreement=0.98, dissolved=True) == 0
-    assert still_known(1.0, 0.1, agreement=0.98, dissolved=False) > 0.98
+@pytest.mark.parametrize(
+    ("familiar", "agreement", "later", "surroundings", "same"),
+    [
+        (1.0, 0.95, 0.4, 0.0, True),  # it looks like itself
+        (1.0, 0.8, 1.0, 0.0, False),  # a cut
+        (1.0, 0.8, 1.0, 0.9, True),  # a blurred frame
+        (1.0, 0.6, 1.0, 1.0, False),  # another face in the same room
+        (0.0, 0.95, 0.9, 0.0, True),  # a head that turns before a moving background
+        (0.0, 0.95, 0.7, 0.0, False),  # a picture that dissolves into another one
+        (0.0, 0.95, 0.7, 0.9, True),  # a hand before the face
+        (0.0, 0.95, 0.5, 1.0, False),  # a picture that dissolves into another one of the same room
+    ],
+)
+def test_whether_a_face_is_the_same(
+    familiar: float, agreement: float, later: float, surroundings: float, same: bool
+) -> None:
+    assert is_same(familiar, agreement, later, lambda: surroundings) == same

@@ -29,12 +29,12 @@ from mien.tracking.shape import ShapePosterior
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
-    ANOTHER_LATER,
     SAME_LATER,
     Reference,
     confidence,
     familiarity,
     frame_variance,
+    is_same,
     state_covariance,
     still_known,
     turn_squared,
@@ -48,8 +48,8 @@ _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 _KNOWN = 0.5
 """What `still_known` says of a face from which is learned how it looks when it has turned, and only where it is the
 same as twelve frames ago: in a jump, or a picture that dissolves, something else would be learned."""
-_FACE_RADIUS, _SAME_SCENE = 1.3, 0.8
-"""CANDIDE units around the face that are not its surroundings, and their correlation above which they are the same."""
+_FACE_RADIUS = 1.3
+"""CANDIDE units around the face that are not its surroundings."""
 _DOUBTED, _BETTER = 0.1, 0.8
 """What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
 elsewhere is preferred."""
@@ -141,21 +141,18 @@ class RealtimeTracker:
             self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        agreement, agreement_later = self._remember(view, solution)
+        agreements = self._remember(view, solution)
         self.scene.remember(frame)
-        dissolved = familiar < 0.5 and self._dissolved(frame, agreement_later)
-        self.known = still_known(self.known, familiar, agreement, dissolved)
+        same = is_same(familiar, *agreements, surroundings=lambda: self._surroundings(frame))
+        self.known = still_known(self.known, familiar, same)
         if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
             self.person.learn_view(solution, self.motion.agreement)
         return self._estimate(frame, status, solution)
 
-    def _dissolved(self, frame: Frame, agreement_later: float) -> bool:
-        """Whether the picture may have dissolved into another one's: the face is not as it was twelve frames ago, and
-        neither are its surroundings, or it is nothing like it."""
-        if ANOTHER_LATER < agreement_later <= SAME_LATER:
-            radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
-            return self.scene.correlation(frame, self.camera.project(self.pose.t)[0], radius) <= _SAME_SCENE
-        return agreement_later <= ANOTHER_LATER
+    def _surroundings(self, frame: Frame) -> float:
+        """How the surroundings of the face agree with those of twelve frames ago."""
+        radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
+        return self.scene.correlation(frame, self.camera.project(self.pose.t)[0], radius)
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""

@@ -11,6 +11,7 @@ the coverage and the reliability that result, and the command.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,13 +43,15 @@ _STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
-_SAME_CORRELATION = 0.9
-"""Correlation of a face's patches from one frame to the next above which it is the same face: mostly it is 0.99, in
-one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-SAME_LATER, ANOTHER_LATER = 0.85, 0.6
+_SAME, _ANOTHER = 0.9, 0.7
+"""Correlation of a face's patches from one frame to the next above which it is the same face, and below which another
+one: mostly it is 0.99, in one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
+SAME_LATER, _ANOTHER_LATER, _UNFAMILIAR = 0.85, 0.6, 0.5
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
-frames have more than the first, on the way into another's picture hardly any face has. In between, what surrounds the
-face has to tell."""
+frames have more than the first, on the way into another's picture hardly any face has."""
+_SAME_SCENE = 0.8
+"""The same of what surrounds the face, over twelve frames, which has to tell in between: a blurred frame or a hand
+before the face leaves it as it was, another picture does not."""
 _RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
 """How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and what
 is the same patch by patch may have come slowly."""
@@ -132,10 +135,19 @@ def familiarity(d2: Array, R: Array, R_first: Array) -> float:
     return _logistic((stranger + by_turn * turn - best_quarter) / width)
 
 
-def still_known(known: float, familiar: float, agreement: float, dissolved: bool) -> float:
-    """Probability that it is known whose face this is, from that of the last frame, its familiarity, the agreement of
-    its patches with the last frame's, and whether the picture may have dissolved into another one's."""
-    if agreement <= _SAME_CORRELATION or dissolved:
+def is_same(familiar: float, agreement: float, agreement_later: float, surroundings: Callable[[], float]) -> bool:
+    """Whether a face is the one of the frame before, from its familiarity and the agreement of its patches with those
+    of the last frame, and with those of some frames before; surroundings: gives the same of what surrounds it."""
+    later = agreement_later if familiar < _UNFAMILIAR else 1.0
+    if agreement <= _ANOTHER or later <= _ANOTHER_LATER:
+        return False
+    return (agreement > _SAME and later > SAME_LATER) or surroundings() > _SAME_SCENE
+
+
+def still_known(known: float, familiar: float, same: bool) -> float:
+    """Probability that it is known whose face this is, from that of the last frame, its familiarity, and whether it is
+    the same face as there."""
+    if not same:
         return 0.0
     return known + (_RECOGNITION_RATE if familiar > known else _DOUBT_RATE) * (familiar - known)
 
