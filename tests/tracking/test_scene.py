@@ -64,3 +64,8 @@ def test_the_surroundings_of_the_face_that_is_tracked() -> None:
     assert tracker._surroundings(last) > 0.8
     tracker.scene.remember(Frame(np.rot90(last.pixels, 2), last.index))
     assert tracker._surroundings(last) < 0.8
+
+
+def test_frames_of_another_size_are_another_scene() -> None:
+    large = Frame(np.repeat(np.repeat(_noise(0).pixels, 2, axis=0), 2, axis=1)[:, :-40])
+    assert _correlation(large, _noise(0)) == 0

@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.geometry.rotation import Array
 from mien.video import Frame, Pixels
 
 _ROWS, _COLUMNS = 24, 32
-_LEAST_POINTS = 60
-"""Points of the grid around the face below which nothing is said of them."""
+"""Of the grid, at least, where the frame has as many."""
+_LEAST_AROUND = 0.08
+"""Share of the grid's points that have to lie around the face for anything to be said of them."""
 
 
 class Scene:
@@ -25,24 +25,22 @@ class Scene:
 
     def remember(self, frame: Frame) -> None:
         """Keep the grid of a frame."""
-        y, x = _grid(frame)
-        self.seen.append(frame.pixels[y[:, None], x, 1])
+        self.seen.append(frame.pixels[(*_grid(frame), 1)].copy())
 
     def correlation(self, frame: Frame, face: Array, radius: float) -> float:
         """How the surroundings in the last frame that was remembered, `frame`, agree with those `look_back` frames
-        before: what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything."""
-        y, x = _grid(frame)
+        before: what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything, and where
+        frames differ in size."""
+        rows, columns = _grid(frame)
+        y, x = np.arange(frame.height)[rows], np.arange(frame.width)[columns]
         around = np.hypot(y[:, None] - face[1], x - face[0]) > radius
-        if np.count_nonzero(around) < _LEAST_POINTS:
+        if around.mean() < _LEAST_AROUND or self.seen[0].shape != around.shape:
             return 0.0
         before, now = (grid[around] - grid[around].mean() for grid in (self.seen[0], self.seen[-1]))
         return float(before @ now / max(np.linalg.norm(before) * np.linalg.norm(now), 1e-9))
 
 
-def _grid(frame: Frame) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """y and x of points all over a frame."""
-    return _middles(_ROWS, frame.height), _middles(_COLUMNS, frame.width)
-
-
-def _middles(parts: int, length: int) -> NDArray[np.intp]:
-    return ((np.arange(parts) + 0.5) * length / parts).astype(np.intp)
+def _grid(frame: Frame) -> tuple[slice, slice]:
+    """Rows and columns all over a frame."""
+    down, across = max(frame.height // _ROWS, 1), max(frame.width // _COLUMNS, 1)
+    return slice(down // 2, None, down), slice(across // 2, None, across)
