@@ -201,7 +201,7 @@ def test_a_face_is_the_same_in_the_next_frame_and_another_picture_is_not(next_fr
         view, solution = tracker._fine(next_frame, tracker._stay())
         tracker.pose = solution.pose
         seen = tracker._look(tracker.face.fine, frame, solution.pose)
-        agreements.append(tracker._remember(replace(seen, facing=view.facing), solution)[0])
+        agreements.append(tracker._remember(frame, replace(seen, facing=view.facing), solution)[0])
     same, noised, other = agreements
     assert same > 0.97
     assert 0.5 < noised < same

@@ -99,7 +99,7 @@ def _known(agreement: float | None, monkeypatch: pytest.MonkeyPatch) -> list[flo
     for frame in truth.frames[1:]:
         if frame.index == 13 and agreement is not None:
             with monkeypatch.context() as patch:
-                patch.setattr(tracker, "_remember", lambda view, solution: (agreement, agreement))
+                patch.setattr(tracker, "_remember", lambda frame, view, solution: (agreement, agreement))
                 tracker.track(frame)
         else:
             tracker.track(frame)

@@ -8,7 +8,7 @@ import pytest
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.scene import Scene
 from mien.video import Frame
-from small_motion import run, small_motion
+from small_motion import face, run, small_motion
 
 SIZE = (120, 160)
 FACE, RADIUS = np.array([80.0, 60.0]), 30.0
@@ -64,6 +64,13 @@ def test_the_surroundings_of_the_face_that_is_tracked() -> None:
     assert tracker._surroundings(last) > 0.8
     tracker.scene.remember(Frame(np.rot90(last.pixels, 2), last.index))
     assert tracker._surroundings(last) < 0.8
+
+
+def test_a_cut_after_the_first_frame_is_another_scene() -> None:
+    truth, tracker = small_motion(), RealtimeTracker()
+    tracker.initialize(truth.frames[0], face().landmarks, face().camera)
+    tracker.scene.remember(Frame(np.rot90(truth.frames[1].pixels, 2), 1))
+    assert tracker._surroundings(truth.frames[1]) < 0.8
 
 
 def test_frames_of_another_size_are_another_scene() -> None:

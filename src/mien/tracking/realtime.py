@@ -29,6 +29,7 @@ from mien.tracking.shape import ShapePosterior
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
+    FAMILIAR,
     SAME_LATER,
     Reference,
     confidence,
@@ -112,7 +113,7 @@ class RealtimeTracker:
         for _ in range(3):
             view, solution = self._fine(frame, self._stay())
             self.pose = solution.pose
-        self._remember(view, solution)
+        self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         return solution
 
@@ -137,12 +138,11 @@ class RealtimeTracker:
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
         familiar = familiarity(solution.telling, self.pose.R, self.first.R)
-        if familiar > 0.5 and not self._unlike(solution):
+        if familiar > FAMILIAR and not self._unlike(solution):
             self.person.learn(solution, self.motion.agreement)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        agreements = self._remember(view, solution)
-        self.scene.remember(frame)
+        agreements = self._remember(frame, view, solution)
         same = is_same(familiar, *agreements, surroundings=lambda: self._surroundings(frame))
         self.known = still_known(self.known, familiar, same)
         if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
@@ -246,9 +246,10 @@ class RealtimeTracker:
         drift = self.motion.drift(self.pose.step_to(pose))
         return Prediction(pose, np.linalg.inv(self.spread + covariance + np.diag(drift)))
 
-    def _remember(self, view: View, solution: Solution) -> tuple[float, float]:
-        """Keep what the next frame's motion is measured from; returns how well it agrees with the last frame's, and
-        with that of some frames ago."""
+    def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
+        """Keep what the next frame's motion is measured from, and what surrounds it; returns how well the patches agree
+        with the last frame's, and with those of some frames ago."""
+        self.scene.remember(frame)
         self.spread = solution.spread
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
         return self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)

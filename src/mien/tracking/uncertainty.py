@@ -43,10 +43,12 @@ _STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
 
+FAMILIAR = 0.5
+"""What `familiarity` says of a face above which it looks like that of the first frame."""
 _SAME, _ANOTHER = 0.9, 0.7
 """Correlation of a face's patches from one frame to the next above which it is the same face, and below which another
 one: mostly it is 0.99, in one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-SAME_LATER, _ANOTHER_LATER, _UNFAMILIAR = 0.85, 0.6, 0.5
+SAME_LATER, _ANOTHER_LATER = 0.85, 0.6
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
 frames have more than the first, on the way into another's picture hardly any face has."""
 _SAME_SCENE = 0.8
@@ -138,7 +140,7 @@ def familiarity(d2: Array, R: Array, R_first: Array) -> float:
 def is_same(familiar: float, agreement: float, agreement_later: float, surroundings: Callable[[], float]) -> bool:
     """Whether a face is the one of the frame before, from its familiarity and the agreement of its patches with those
     of the last frame, and with those of some frames before; surroundings: gives the same of what surrounds it."""
-    later = agreement_later if familiar < _UNFAMILIAR else 1.0
+    later = agreement_later if familiar < FAMILIAR else 1.0
     if agreement <= _ANOTHER or later <= _ANOTHER_LATER:
         return False
     return (agreement > _SAME and later > SAME_LATER) or surroundings() > _SAME_SCENE
