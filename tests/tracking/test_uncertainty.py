@@ -142,7 +142,8 @@ def test_it_is_soon_known_whose_face_it_is_and_doubted_later() -> None:
         (1.0, 0.6, 1.0, 1.0, False),  # another face in the same room
         (0.0, 0.95, 0.9, 0.0, True),  # a head that turns before a moving background
         (0.0, 0.95, 0.7, 0.0, False),  # a picture that dissolves into another one
-        (0.0, 0.95, 0.7, 0.9, True),  # a hand before the face
+        (0.0, 0.95, 0.8, 0.9, True),  # a hand before the face
+        (0.0, 0.95, 0.7, 0.9, False),  # a turn in a jump
         (0.0, 0.95, 0.5, 1.0, False),  # a picture that dissolves into another one of the same room
     ],
 )

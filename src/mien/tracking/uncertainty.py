@@ -48,7 +48,7 @@ FAMILIAR = 0.5
 _SAME, _ANOTHER = 0.9, 0.7
 """Correlation of a face's patches from one frame to the next above which it is the same face, and below which another
 one: mostly it is 0.99, in one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-SAME_LATER, _ANOTHER_LATER = 0.85, 0.6
+SAME_LATER, _ANOTHER_LATER = 0.85, 0.75
 """The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
 frames have more than the first, on the way into another's picture hardly any face has."""
 _SAME_SCENE = 0.8
