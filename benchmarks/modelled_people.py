@@ -14,14 +14,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from filming import Studio, taken, write_film
 from makehuman import MakeHuman, draw
 from spectacles import triangulated
 
 from mien.appearance.rendering import Image
-from mien.evaluation.datasets.rendered import CAMERA
-from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, matrix_from_euler
 from mien.video import Pixels
 
@@ -30,9 +28,7 @@ MOTIONS = {
     "expression2": "e_expression1", "light1": "c_light1", "wide1": "a_wide1", "wide2": "e_wide1",
 }  # fmt: skip
 """Name of a sequence, and of the rendered one whose motion and expression it has."""
-SIZE = (320, 240)
 SUPERSAMPLING = 3
-NOISE_SD = 2.0
 CENTIMETRES = 10.0
 """Of one of MakeHuman's units."""
 LAMP = (0.35, -0.45, -0.8)
@@ -129,15 +125,13 @@ class Person:
         self.origin = eyes.vertices(self.body).mean(axis=0) + FROM_EYES
         self.axes = upright(self.body[np.array(PROFILE)].mean(axis=1)[:, 1:], profile)
 
-    def picture(
-        self, weights: dict[str, float], R: Array, t: Array, lamp: Array, camera: Camera, background: Image
-    ) -> Image:
-        """The person (H, W, 3) with an expression, weights of UNITS, at a pose before a background of that size."""
+    def picture(self, weights: dict[str, float], R: Array, t: Array, lamp: Array, studio: Studio) -> Image:
+        """The person (H, W, 3) with an expression, weights of UNITS, at a pose."""
         body = self.body + sum(weight * self.shapes[shape] for shape, weight in weights.items())
-        image, depth = background.copy(), np.full(background.shape[:2], np.inf, np.float32)
+        image, depth = studio.background.copy(), np.full(studio.background.shape[:2], np.inf, np.float32)
         for part in self.parts:
             X = (part.vertices(body) - self.origin) * CENTIMETRES
-            draw(part, X @ (R @ self.axes).T + t, lamp, camera, image, depth)
+            draw(part, X @ (R @ self.axes).T + t, lamp, studio.camera, image, depth)
         return image
 
 
@@ -168,16 +162,11 @@ def lamp_at(frame: int) -> Array:
 
 def pictures(person: Person, truth: dict[str, Array], swinging: bool, rng: np.random.Generator) -> Iterator[Pixels]:
     """The person in the motion and expression of a rendered sequence."""
-    s, (width, height) = SUPERSAMPLING, SIZE
-    camera = Camera(s * CAMERA.focal_px, s * CAMERA.cx + 0.5 * (s - 1), s * CAMERA.cy + 0.5 * (s - 1))
-    mottled = rng.uniform(30, 200, (12, 16, 3)).astype(np.float32)
-    background = cv2.resize(mottled, (s * width, s * height), interpolation=cv2.INTER_CUBIC)
+    studio = Studio.build(SUPERSAMPLING, rng)
     sides = [str(name).split("_")[0] for name in truth["expression_names"]]
     for k, (R, t) in enumerate(zip(FACING @ truth["R"], truth["t"], strict=True)):
         weights = {shape: float(truth["expression"][k, [side == shape for side in sides]].mean()) for shape in UNITS}
-        large = person.picture(weights, R, t, lamp_at(k if swinging else 0), camera, background)
-        image = cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
-        yield np.clip(np.round(image + rng.normal(0, NOISE_SD, image.shape)), 0, 255).astype(np.uint8)
+        yield taken(person.picture(weights, R, t, lamp_at(k if swinging else 0), studio), rng)
 
 
 def main() -> None:
@@ -198,13 +187,8 @@ def main() -> None:
         for kind, motion in MOTIONS.items():
             truth = dict(np.load(arguments.path / f"{motion}_truth.npz"))
             output = arguments.out / f"{name}{bare}_{kind}"
-            codec = cv2.VideoWriter.fourcc(*"FFV1")  # lossless
-            writer = cv2.VideoWriter(f"{output}.avi", codec, 30, SIZE)
-            for pixels in pictures(person, truth, kind.startswith("light"), rng):
-                writer.write(pixels[:, :, ::-1])
-            writer.release()
+            write_film(Path(f"{output}.avi"), pictures(person, truth, kind.startswith("light"), rng))
             np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
-            print(f"{output}.avi", flush=True)
 
 
 if __name__ == "__main__":

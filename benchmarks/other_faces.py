@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from filming import Studio, taken, write_film
 from numpy.typing import NDArray
 
 from mien.appearance.rendering import Texture, render
@@ -32,12 +32,10 @@ from mien.video import Pixels, open_video
 MOTIONS = ("a_uniform1", "c_uniform2", "e_uniform3", "c_light1", "a_wide1", "e_wide1")
 """Of `c_light1` only the motion is taken, as `uniform4`."""
 NAMES = ("uniform1", "uniform2", "uniform3", "uniform4", "wide1", "wide2")
-SIZE = (320, 240)
 SUPERSAMPLING = 2
 DISTANCE = 5.7
 """CANDIDE units from the camera in the first frame."""
 RELIEF_SHARE, BUMPS, BUMP_SD, BUMP_WIDTH = 0.12, 6, 0.05, 0.3
-NOISE_SD = 2.0
 
 
 @dataclass(frozen=True)
@@ -72,16 +70,12 @@ def head_of(video: Path, rng: np.random.Generator) -> Head | None:
 
 def pictures(head: Head, R: Array, t: Array, rng: np.random.Generator) -> Iterator[Pixels]:
     """The head in the poses R (n, 3, 3), t (n, 3) of the camera of the rendered sequences."""
-    s, (width, height) = SUPERSAMPLING, SIZE
-    camera = Camera(s * CAMERA.focal_px, s * CAMERA.cx + 0.5 * (s - 1), s * CAMERA.cy + 0.5 * (s - 1))
-    mottled = rng.uniform(30, 200, (12, 16, 3)).astype(np.float32)
-    background = cv2.resize(mottled, (s * width, s * height), interpolation=cv2.INTER_CUBIC)
+    studio = Studio.build(SUPERSAMPLING, rng)
+    height, width = studio.background.shape[:2]
     for R_frame, t_frame in zip(R, t, strict=True):
         posed = head.vertices @ R_frame.T + t_frame
-        large = render(posed, head.triangles, head.texture, camera, s * width, s * height, background).image
-        image = cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
-        image = image + rng.normal(0, NOISE_SD, image.shape)
-        yield np.clip(np.round(image), 0, 255).astype(np.uint8)
+        drawn = render(posed, head.triangles, head.texture, studio.camera, width, height, studio.background)
+        yield taken(drawn.image, rng)
 
 
 def main() -> None:
@@ -101,13 +95,8 @@ def main() -> None:
             truth = np.load(arguments.path / f"{motion}_truth.npz")
             R, t = truth["R"], DISTANCE * truth["t"] / truth["t"][0, 2]
             output = arguments.out / f"{video.stem.replace('_', '-')}_{name}"
-            codec = cv2.VideoWriter.fourcc(*"FFV1")  # lossless
-            writer = cv2.VideoWriter(f"{output}.avi", codec, 30, SIZE)
-            for pixels in pictures(head, FACING @ R, t, rng):
-                writer.write(pixels[:, :, ::-1])
-            writer.release()
+            write_film(Path(f"{output}.avi"), pictures(head, FACING @ R, t, rng))
             np.savez(f"{output}_truth.npz", R=R, t=t, focal=CAMERA.focal_px)
-            print(f"{output}.avi", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from filming import write_film
 
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.geometry.rotation import FACING, Array
@@ -67,8 +68,8 @@ def worn(
         p = CAMERA.project(points @ R.T + t)[0]
         return np.asarray(((p + 0.5) * s - 0.5).round(), dtype=np.int32)
 
-    for rim, temple, outwards in zip(rims, temples, (-1.0, 1.0), strict=True):
-        p = drawn(rim)
+    for outline, temple, outwards in zip(rims, temples, (-1.0, 1.0), strict=True):
+        p = drawn(outline)
         lens, spot = np.zeros_like(lines), np.zeros_like(lines)
         cv2.fillPoly(lens, [p], 1.0, cv2.LINE_AA)
         place = p.mean(axis=0) - s * (30 * R[:2, 2] + [4, 3])
@@ -77,7 +78,7 @@ def worn(
         cv2.polylines(lines, [p], True, 1.0, thick, cv2.LINE_AA)
         if (temple[0] @ R.T + t) @ R[:, 0] * outwards < 0:  # its side of the head faces the camera
             cv2.polylines(lines, [drawn(temple)], False, 1.0, thick, cv2.LINE_AA)
-    inner = [rim[np.argmin(np.abs(rim[:, 0]))] + [0, 0.3, 0] for rim in rims]
+    inner = [outline[np.argmin(np.abs(outline[:, 0]))] + [0, 0.3, 0] for outline in rims]
     cv2.polylines(lines, [drawn(np.array(inner))], False, 1.0, thick, cv2.LINE_AA)
     image += lines[:, :, None] * (np.array(RIM_COLOUR, np.float32) - image)
     small = cv2.resize(np.clip(image, 0, 255), (width, height), interpolation=cv2.INTER_AREA)
@@ -100,16 +101,12 @@ def main() -> None:
         R, t = FACING @ values["R"], values["t"]
         rims, temples = spectacles(triangulated(values["landmarks68"].astype(float), R, t))
         frames = list(open_video(arguments.path / f"{name}.avi"))
-        size = (frames[0].width, frames[0].height)
-        codec = cv2.VideoWriter.fourcc(*"FFV1")  # lossless
-        writer = cv2.VideoWriter(str(arguments.out / f"{name}.avi"), codec, 30, size)
-        for frame, R_frame, t_frame in zip(frames, R, t, strict=True):
-            writer.write(
-                worn(frame.pixels, rims, temples, R_frame, t_frame, arguments.rim, arguments.reflection)[:, :, ::-1]
-            )
-        writer.release()
+        pictures = (
+            worn(frame.pixels, rims, temples, R_frame, t_frame, arguments.rim, arguments.reflection)
+            for frame, R_frame, t_frame in zip(frames, R, t, strict=True)
+        )
+        write_film(arguments.out / f"{name}.avi", pictures)
         shutil.copy(truth, arguments.out)
-        print(arguments.out / f"{name}.avi", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,54 @@
+"""How sequences of our own are filmed: by the camera of the rendered ones, larger than they are kept, before a mottled
+background, with noise, and lossless."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mien.appearance.rendering import Image
+from mien.evaluation.datasets.rendered import CAMERA
+from mien.geometry.camera import Camera
+from mien.video import Pixels
+
+SIZE = (320, 240)
+NOISE_SD = 2.0
+
+
+@dataclass(frozen=True)
+class Studio:
+    """Camera and background (H, W, 3) of pictures that are larger than they are kept."""
+
+    camera: Camera
+    background: Image
+
+    @classmethod
+    def build(cls, times: int, rng: np.random.Generator) -> Studio:
+        """For pictures that are so many times larger."""
+        cx, cy = (times * c + 0.5 * (times - 1) for c in (CAMERA.cx, CAMERA.cy))
+        mottled = rng.uniform(30, 200, (12, 16, 3)).astype(np.float32)
+        size = (times * SIZE[0], times * SIZE[1])
+        camera = Camera(times * CAMERA.focal_px, cx, cy)
+        return cls(camera, np.asarray(cv2.resize(mottled, size, interpolation=cv2.INTER_CUBIC), np.float32))
+
+
+def taken(large: Image, rng: np.random.Generator) -> Pixels:
+    """The picture as it is kept: shrunk, with noise."""
+    image = cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
+    return np.asarray(np.clip(np.round(image + rng.normal(0, NOISE_SD, image.shape)), 0, 255), np.uint8)
+
+
+def write_film(path: Path, pictures: Iterable[Pixels]) -> None:
+    """Write pictures (H, W, 3) as a lossless video, and say so."""
+    writer = None
+    for pixels in pictures:
+        height, width = pixels.shape[:2]
+        writer = writer or cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 30, (width, height))
+        writer.write(pixels[:, :, ::-1])
+    if writer:
+        writer.release()
+    print(path, flush=True)
