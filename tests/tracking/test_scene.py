@@ -41,6 +41,14 @@ def test_another_picture_has_other_surroundings() -> None:
     assert abs(_correlation(_noise(0), _noise(1))) < 0.2
 
 
+def test_noise_does_not_hide_a_plain_wall() -> None:
+    wall, rng = 120 + 20 * X / SIZE[1], np.random.default_rng(0)
+    first, second = (
+        Frame(np.round(wall[..., None] + rng.normal(0, 3.5, (*SIZE, 3))).astype(np.uint8)) for _ in range(2)
+    )
+    assert _correlation(first, second) > 0.85  # of single pixels 0.74
+
+
 def test_it_looks_back_as_far_as_it_was_told() -> None:
     assert _correlation(_noise(0), _noise(1), _noise(0)) == pytest.approx(1)
     assert abs(_correlation(_noise(0), _noise(1), _noise(1), _noise(0))) < 0.2

@@ -4,43 +4,53 @@ grimace, does not change it."""
 from __future__ import annotations
 
 from collections import deque
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mien.geometry.rotation import Array
-from mien.video import Frame, Pixels
+from mien.video import Frame
 
 _ROWS, _COLUMNS = 24, 32
-"""Of the grid, at least, where the frame has as many."""
+"""Cells of the grid, at least, where the frame has as many pixels."""
+_SIDE = 2
+"""Pixels of a cell that are added up, along each side: the noise of a single one hides a plain background."""
 _LEAST_AROUND = 0.08
-"""Share of the grid's points that have to lie around the face for anything to be said of them."""
+"""Share of the grid's cells that have to lie around the face for anything to be said of them."""
 
 
 class Scene:
-    """The last frames, each as a grid of its points."""
+    """The last frames, each as a coarse grid."""
 
     def __init__(self, look_back: int) -> None:
         """look_back: frames after which the scene is compared with itself."""
-        self.seen: deque[Pixels] = deque(maxlen=look_back + 1)
+        self.seen: deque[NDArray[np.uint16]] = deque(maxlen=look_back + 1)
 
     def remember(self, frame: Frame) -> None:
         """Keep the grid of a frame."""
-        self.seen.append(frame.pixels[(*_grid(frame), 1)].copy())
+        down, across = _cell(frame)
+        rows, columns = frame.height // down, frame.width // across
+        total = np.zeros((rows, columns), np.uint16)
+        for y, x in product(*(np.arange(1, 2 * _SIDE, 2) * side // (2 * _SIDE) for side in (down, across))):
+            total += frame.pixels[y::down, x::across, 1][:rows, :columns]
+        self.seen.append(total)
 
     def correlation(self, frame: Frame, face: Array, radius: float) -> float:
         """How the surroundings in the last frame that was remembered, `frame`, agree with those `look_back` frames
         before: what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything, and where
         frames differ in size."""
-        rows, columns = _grid(frame)
-        y, x = np.arange(frame.height)[rows], np.arange(frame.width)[columns]
-        around = np.hypot(y[:, None] - face[1], x - face[0]) > radius
+        rows, columns = self.seen[-1].shape
+        down, across = _cell(frame)
+        y, x = (np.arange(rows) + 0.5) * down - 0.5, (np.arange(columns) + 0.5) * across - 0.5
+        reach = 0.5 * (1 - 1 / _SIDE) * np.hypot(down, across)  # of a cell's pixels from its middle
+        around = np.hypot(y[:, None] - face[1], x - face[0]) > radius + reach
         if around.mean() < _LEAST_AROUND or self.seen[0].shape != around.shape:
             return 0.0
         before, now = (grid[around] - grid[around].mean() for grid in (self.seen[0], self.seen[-1]))
         return float(before @ now / max(np.linalg.norm(before) * np.linalg.norm(now), 1e-9))
 
 
-def _grid(frame: Frame) -> tuple[slice, slice]:
-    """Rows and columns all over a frame."""
-    down, across = max(frame.height // _ROWS, 1), max(frame.width // _COLUMNS, 1)
-    return slice(down // 2, None, down), slice(across // 2, None, across)
+def _cell(frame: Frame) -> tuple[int, int]:
+    """Height and width in pixels of a cell of the grid."""
+    return max(frame.height // _ROWS, 1), max(frame.width // _COLUMNS, 1)
