@@ -96,14 +96,13 @@ def _part(
         if material in (None, model["materials"][index]["DbgName"]):
             ring = [corners.setdefault(corner, len(corners)) for corner in zip(vertices, uvs, strict=True)]
             triangles += [(ring[0], ring[i], ring[i + 1]) for i in range(1, len(ring) - 1)]
-    picture = cv2.cvtColor(cv2.imread(str(texture)), cv2.COLOR_BGR2RGB).astype(np.float32)
     stored = cv2.imread(str(texture), cv2.IMREAD_UNCHANGED)
-    opacity = stored[:, :, 3:] if stored.shape[2] == 4 else np.full((*stored.shape[:2], 1), 255)
+    opaque = stored.shape[2] == 3
+    picture = cv2.cvtColor(stored, cv2.COLOR_BGR2RGBA if opaque else cv2.COLOR_BGRA2RGBA).astype(np.float32)
     vertex, place = np.array(list(corners)).T
     u, v = np.array(model["uvs"][0]).reshape(-1, 2)[place].T
     uv = np.stack([u, 1 - v], axis=1) * (np.array(picture.shape[1::-1]) - 1)
-    shown = np.dstack([picture, opacity.astype(np.float32)])
-    return Part(reference, weights, offset, vertex, uv, np.array(triangles), shown)
+    return Part(reference, weights, offset, vertex, uv, np.array(triangles), picture)
 
 
 def _faces(stream: list[int]) -> Iterator[tuple[list[int], list[int], int]]:

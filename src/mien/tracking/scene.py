@@ -14,8 +14,6 @@ from mien.video import Frame
 
 _ROWS, _COLUMNS = 24, 32
 """Cells of the grid, at least, where the frame has as many pixels."""
-_SIDE = 2
-"""Pixels of a cell that are added up, along each side: the noise of a single one hides a plain background."""
 _LEAST_AROUND = 0.08
 """Share of the grid's cells that have to lie around the face for anything to be said of them."""
 
@@ -28,11 +26,12 @@ class Scene:
         self.seen: deque[NDArray[np.uint16]] = deque(maxlen=look_back + 1)
 
     def remember(self, frame: Frame) -> None:
-        """Keep the grid of a frame."""
+        """Keep the grid of a frame: of each cell the sum of four pixels, a quarter and three quarters along its sides.
+        The noise of a single one would hide a plain background."""
         down, across = _cell(frame)
         rows, columns = frame.height // down, frame.width // across
         total = np.zeros((rows, columns), np.uint16)
-        for y, x in product(*(np.arange(1, 2 * _SIDE, 2) * side // (2 * _SIDE) for side in (down, across))):
+        for y, x in product((down // 4, 3 * down // 4), (across // 4, 3 * across // 4)):
             total += frame.pixels[y::down, x::across, 1][:rows, :columns]
         self.seen.append(total)
 
@@ -43,7 +42,7 @@ class Scene:
         rows, columns = self.seen[-1].shape
         down, across = _cell(frame)
         y, x = (np.arange(rows) + 0.5) * down - 0.5, (np.arange(columns) + 0.5) * across - 0.5
-        reach = 0.5 * (1 - 1 / _SIDE) * np.hypot(down, across)  # of a cell's pixels from its middle
+        reach = 0.25 * np.hypot(down, across)  # of those four pixels from the middle of their cell
         around = np.hypot(y[:, None] - face[1], x - face[0]) > radius + reach
         if around.mean() < _LEAST_AROUND or self.seen[0].shape != around.shape:
             return 0.0
