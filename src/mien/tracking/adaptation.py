@@ -45,6 +45,8 @@ class Adaptation:
 
     def offset(self, angles: Array) -> Float32:
         """(n, 128) at a tilt and pan (2,)."""
+        if not self.begun:
+            return self.nothing
         turn = (angles - self.first).astype(np.float32)
         offset = turn @ self.slope
         for k, weight in self._near(angles):
@@ -55,6 +57,8 @@ class Adaptation:
         """(n,) how far the look of each landmark at a tilt and pan (2,) is learned here: 0 where it is the first
         frame's, 1 where it is what was seen when the face turned there."""
         share = np.zeros(len(self.nothing))
+        if not self.begun:
+            return share
         for k, weight in self._near(angles):
             share += weight * self.learned[k]
         return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on

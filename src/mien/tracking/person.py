@@ -100,8 +100,7 @@ class Person:
 
     def adapted(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""
-        known = self.adaptation.begun and level is self.face.fine
-        return self.adaptation.offset(pose.angles) if known else self.adaptation.nothing
+        return self.adaptation.offset(pose.angles) if level is self.face.fine else self.adaptation.nothing
 
     def learned_share(self, solution: Solution) -> float:
         """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
