@@ -24,7 +24,7 @@ LAYERS = (
     ("output",),
     ("start",),
     ("pipeline",),
-    ("live", "batch"),
+    ("live", "batch", "faces"),
     ("evaluation",),
     ("baselines",),
     ("demo",),

@@ -332,6 +332,15 @@ def test_no_face_and_two_faces_with_the_real_detector(
     refused(["track", two, "--face", 320, 230], "two.mkv: no face was found at 320, 230 in its 2 frames")
     refused(["track", two, "--face", 800, 10], "--face 800 10 lies outside the image of 560x240 pixels")
     refused(["track", two, *asked, "--landmarks", "out.json"], "landmarks are given", "leave out --face")
+    refused(["track", two, "--faces", 2, *asked, "--show"], "--face, --show is for one face", "leave it out")
+    result = mien("track", two, "-o", "both.csv", "--faces", 4, "--plot", "both.png")
+    assert "2 frames, face 1 lost in 0" in result.out
+    assert "wrote both-1.png" in result.out
+    both = [Track.read(tmp_path / name).table for name in ("both.csv", "both-1.csv")]
+    assert [table.column("x_0")[0].as_py() < 320 for table in both] == [True, False]
+    assert [table.column("face_id").to_pylist() for table in both] == [[0, 0], [1, 1]]
+    refused(["track", gray, "--faces", 2], "gray.mkv: no face was found in it")
+    refused(["track", 0, "--faces", 2], "camera 0 shows every frame once; several faces need a file")
 
 
 def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ _HOME = {
     "Tracker": "mien.tracking.state",
     "stream": "mien.live",
     "track": "mien.pipeline",
+    "track_faces": "mien.faces",
 }
 __all__ = [
     "Camera",
@@ -30,6 +31,7 @@ __all__ = [
     "__version__",
     "stream",
     "track",
+    "track_faces",
 ]
 
 

@@ -8,12 +8,14 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from mien.errors import MienError, require, warn
 from mien.files import require_writable, whole_file
+from mien.output.destination import Destination
 from mien.output.track import Track, track_paths
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Command, Ended, Progress, run_commands
@@ -34,6 +36,7 @@ class Wish:
 
     preset: str = DEFAULT_PRESET
     passes: int = 1
+    faces: int = 1
     arguments: tuple[str, ...] = ()
     overlay: bool = False
     plot: bool = False
@@ -42,12 +45,14 @@ class Wish:
 
 @dataclass(frozen=True)
 class Row:
-    """A video in the summary. lost, unsure: frames without the face, and with a confidence below a half; begun: seconds
-    at which the face was learned; note: why it failed, or what was warned of."""
+    """A face of a video in the summary. faces: how many the video has; lost, unsure: frames without the face, and with
+    a confidence below a half; begun: seconds at which it was learned; note: why it failed, or what was warned of."""
 
     video: Path
     table: Path
     state: str = NOT_YET
+    face_id: int = 0
+    faces: int | None = None
     frames: int | None = None
     lost: int | None = None
     unsure: int | None = None
@@ -146,7 +151,7 @@ def _pictures(table: Path) -> tuple[Path, Path]:
 def _command(row: Row, wish: Wish) -> Command:
     overlay, plot = _pictures(row.table)
     pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
-    how = ("--preset", wish.preset, "--passes", str(wish.passes), *wish.arguments)
+    how = ("--preset", wish.preset, "--passes", str(wish.passes), "--faces", str(wish.faces), *wish.arguments)
     arguments = ("track", "-o", str(row.table), *pictures, *how, "--quiet", "--", str(row.video))
     return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
 
@@ -163,7 +168,8 @@ def _kept(row: Row, wish: Wish) -> Row | None:
     except MienError:
         return None
     wanted = {"complete": True, "preset": wish.preset, "passes": wish.passes}
-    asked = isinstance(track.metadata, dict) and wanted.items() <= track.metadata.items()
+    known = track.metadata if isinstance(track.metadata, dict) else {}
+    asked = wanted.items() <= known.items() and known.get("faces_wanted", 1) == wish.faces
     return _measured(replace(row, state=KEPT), track) if asked else None
 
 
@@ -182,15 +188,24 @@ def _measured(row: Row, track: Track) -> Row:
     """The row with what the video's track says."""
     begun = track.time[track.status.index("initialized")] if "initialized" in track.status else None
     unsure = int((np.nan_to_num(track.confidence) < 0.5).sum())
-    return replace(row, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
+    faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
+    return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
+
+
+def _further(row: Row) -> Iterator[Row]:
+    """The rows of a video's faces after the first."""
+    for face_id in range(1, row.faces or 1):
+        table = Destination(row.table).of_face(face_id).table
+        if table is not None and table.exists():
+            yield _measured(replace(row, table=table, face_id=face_id, note=""), Track.read(table))
 
 
 def _write(rows: Sequence[Row], path: Path) -> None:
-    """The summary: a row a video."""
+    """The summary: a row a face, or a video that has none."""
     names = [field.name for field in fields(Row)]
     with whole_file(path) as file, file.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(names)
-        for row in rows:
+        for row in chain.from_iterable((row, *_further(row)) for row in rows):
             values = (getattr(row, name) for name in names)
             writer.writerow(["" if value is None else value for value in values])

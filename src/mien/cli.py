@@ -82,6 +82,10 @@ Face = Annotated[
     tuple[float, float] | None,
     typer.Option(metavar="X Y", help="A point of the face, in pixels; the largest face if not given."),
 ]
+Faces = Annotated[
+    int,
+    typer.Option(min=1, metavar="N", help="Track up to so many faces, the further ones into NAME-1.csv, NAME-2.csv .."),
+]
 Preset = Annotated[str, typer.Option(help="The tracker.")]
 Passes = Annotated[
     int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
@@ -138,36 +142,34 @@ def track(
     end: End = None,
     at_once: AtOnce = False,
     face: Face = None,
+    faces: Faces = 1,
     passes: Passes = 1,
     quiet: Quiet = False,
 ) -> None:
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
+    from mien.errors import require
+    from mien.faces import track_faces
     from mien.output.destination import Destination
     from mien.pipeline import track as track_video
 
     output = output or Path(_stem(video) + ".csv")
+    given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
+    given |= {"start": start, "end": end, "at_once": at_once, "passes": passes}
+    given |= {"save": output, "overlay": overlay, "plot": plot}
+    for_one = {"--landmarks": landmarks, "--face": face, "--show": show or None}
+    unwanted = [name for name, value in for_one.items() if value is not None]
+    require(faces == 1 or not unwanted, f"{', '.join(unwanted)} is for one face; leave it out, or --faces")
     with _progress_bar(quiet) as progress:
-        result = track_video(
-            video,
-            preset=preset,
-            landmarks=landmarks,
-            camera=camera,
-            focal_px=focal,
-            fov_deg=fov,
-            start=start,
-            end=end,
-            at_once=at_once,
-            face=face,
-            passes=passes,
-            progress=progress,
-            save=output,
-            overlay=overlay,
-            plot=plot,
-            show=show,
-        )
+        if faces == 1:
+            tracks = [track_video(video, landmarks=landmarks, face=face, show=show, progress=progress, **given)]
+        else:
+            tracks = track_faces(video, faces, progress=progress, **given)
     if not quiet:
-        typer.echo(f"{len(result)} frames, the face lost in {result.lost}")
-        _print_written(Destination(output, overlay, plot).paths())
+        for face_id, result in enumerate(tracks):
+            which = "the face" if faces == 1 else f"face {face_id}"
+            typer.echo(f"{len(result)} frames, {which} lost in {result.lost}")
+        files = Destination(output, overlay, plot)
+        _print_written([path for face_id in range(len(tracks)) for path in files.of_face(face_id).paths()])
 
 
 @app.command()
@@ -186,6 +188,7 @@ def batch(
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
+    faces: Faces = 1,
     passes: Passes = 1,
     again: Annotated[bool, typer.Option("--again", help="Track again what is tracked already.")] = False,
     quiet: Quiet = False,
@@ -196,7 +199,7 @@ def batch(
 
     given = {"--camera": camera, "--focal": focal, "--fov": fov, "--start": start, "--end": end}
     arguments = [text for name, value in given.items() if value is not None for text in (name, str(value))]
-    wish = Wish(preset, passes, (*arguments, *["--at-once"] * at_once), overlay, plot, again)
+    wish = Wish(preset, passes, faces, (*arguments, *["--at-once"] * at_once), overlay, plot, again)
     with progress_bar("looking for videos", quiet) as progress:
         rows = track_all(paths, out, wish, jobs, progress)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}

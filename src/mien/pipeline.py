@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from mien.registry import create_tracker
 from mien.start import TURNED_DEG, Start, prepare
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Frame, Video, backwards, expected_count, open_video, select
+
+if TYPE_CHECKING:
+    from mien.output.overlay import Mesh
 
 DEFAULT_PRESET = "realtime"
 _GONE_SECONDS = 10.0
@@ -103,25 +106,42 @@ def track(
             progress(estimate, total)
 
     begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, at_once, face, tell)
-    _check_passes(passes, source, tracker, preset)
-    for turn in range(1, passes + 1):
-        if turn > 1 and isinstance(tracker, RepeatableTracker):
-            tracker = tracker.again()
-            begin = replace(begin, frames=select(source, start, end), told=0)
-        result, tracker = _one_pass(Pass(begin, preset, tracker, turn, show), files, tell, last=turn == passes)
+    check_passes(passes, source, tracker, preset)
+    for result, _ in tracked(Pass(begin, preset, tracker, show=show), passes, (start, end), files, tell):
         files.write(result)
     return result
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass of a tracker over its frames: the first, or one with what the pass before has learned."""
+    """One pass of a tracker over its frames: the first, or one with what the pass before has learned. face_id: which
+    face of the video it is."""
 
     begin: Start
     preset: str
     tracker: Tracker
-    turn: int
-    show: bool
+    turn: int = 1
+    show: bool = False
+    face_id: int = 0
+
+
+def tracked(
+    first: Pass,
+    passes: int,
+    part: tuple[float | None, float | None],
+    files: Destination,
+    tell: Callable[[Estimate], None],
+) -> Iterator[tuple[Track, Tracker]]:
+    """The track after each pass, of which only the last is drawn, and the tracker that has learned from all of it;
+    part: the seconds from and to which there are rows."""
+    this = first
+    for turn in range(1, passes + 1):
+        if turn > 1 and isinstance(this.tracker, RepeatableTracker):
+            begin = replace(this.begin, frames=select(this.begin.video, *part), told=0)
+            this = replace(this, begin=begin, tracker=this.tracker.again(), turn=turn)
+        result, tracker = _one_pass(this, files, tell, last=turn == passes)
+        yield result, tracker
+        this = replace(this, tracker=tracker)
 
 
 def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
@@ -129,7 +149,7 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
     is stopped, what it has is written, unless a whole pass already is."""
     begin = this.begin
     earlier: dict[int, Estimate] = {}
-    with Recorder(files.table) as recorder:
+    with Recorder(files.table, this.face_id) as recorder:
         try:
             for estimate in run_back(this.tracker, begin):
                 earlier[estimate.index] = estimate
@@ -176,7 +196,7 @@ def warn_of_a_turned_face(first: Estimate, name: str) -> None:
         )
 
 
-def _check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
+def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
     """Raise MienError for passes that cannot be had."""
     require(passes in (1, 2), f"{passes} passes over a video; give 1 or 2")
     if passes > 1:
@@ -247,28 +267,30 @@ def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate
     if path is None and not this.show:
         yield lambda frame, estimate: None
         return
-    from mien.output.overlay import Mesh, OverlayWriter, draw
-
-    tracker = this.tracker
-
-    def mesh(estimate: Estimate) -> Mesh | None:
-        if not isinstance(tracker, FittedTracker):
-            return None
-        vertices = tracker.mesh(estimate)
-        return None if vertices is None else Mesh(vertices, tracker.fit.model.triangles)
+    from mien.output.overlay import OverlayWriter, Shown, draw
 
     with ExitStack() as opened:
         writer = opened.enter_context(OverlayWriter(path)) if path else None
         window = opened.enter_context(Window(this.begin.video.name)) if this.show else None
 
         def drawn(frame: Frame, estimate: Estimate) -> None:
-            picture = draw(frame, estimate, mesh(estimate), this.begin.camera)
+            picture = draw(frame, [Shown(estimate, mesh_of(this.tracker, estimate))], this.begin.camera)
             if writer:
                 writer.write(picture, frame.time)
             if window:
                 window.show(picture)
 
         yield drawn
+
+
+def mesh_of(tracker: Tracker, estimate: Estimate) -> Mesh | None:
+    """The face model at an estimate of a tracker, where it has one."""
+    from mien.output.overlay import Mesh
+
+    if not isinstance(tracker, FittedTracker):
+        return None
+    vertices = tracker.mesh(estimate)
+    return None if vertices is None else Mesh(vertices, tracker.fit.model.triangles)
 
 
 def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapping[str, Any]:
@@ -288,6 +310,7 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         },
         "preset": this.preset,
         "passes": this.turn,
+        "face_id": this.face_id,
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),

@@ -206,7 +206,7 @@ def find_face(
     if len(faces) > 1:
         warn(
             f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked, "
-            "--face X Y chooses another"
+            f"--face X Y chooses another, and --faces {len(faces)} tracks all of them"
         )
     return first, replace(faces[0], source=f"{name}, detected face")
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from mien.errors import MienError
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Point
+from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Point, place_of
 from mien.video import Frame, Pixels
 
 NO_DETECTOR = (
@@ -93,7 +93,7 @@ def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, La
         for frame in frames:
             same = _same(frame, finder.near(frame), face)
             if same is None:
-                same = _same(frame, finder.closer(frame, _place(face.points)), face)
+                same = _same(frame, finder.closer(frame, place_of(face.points)), face)
             if same is not None:
                 face = same
                 yield frame, face
@@ -128,7 +128,7 @@ def _landmarks(frame: Frame, face: Array) -> Landmarks:
 def _average(frame: Frame, face: Array) -> Array | None:
     """Mean of one face's points (478, 3) over turned and scaled copies of the image around it; None where less than
     half of the copies show it."""
-    place = _place(face)
+    place = place_of(face)
     with _finder(1) as finder:
         answers = [found[0] for copy in _COPIES if (found := finder.closer(frame, place, *copy))]
     near = [answer for answer in answers if np.abs(answer[:, :2] - face[:, :2]).mean() < _OUTVOTED * place[1]]
@@ -139,22 +139,16 @@ _Place = tuple[Array, float]
 """Centre (2,) and larger side in pixels of what may be a face."""
 
 
-def _place(face: Array) -> _Place:
-    """Where the points (478, 2 or 3) of a face are."""
-    low, high = face[:, :2].min(axis=0), face[:, :2].max(axis=0)
-    return 0.5 * (low + high), float((high - low).max())
-
-
 def _there(faces: list[Array], at: Point | None) -> list[Array]:
     """Those faces (478, 3) that are at a point, or hardly beside it; all where none is given."""
     if at is None:
         return faces
-    return [face for face in faces if np.abs(_place(face)[0] - at).max() < _BESIDE * _size(face)]
+    return [face for face in faces if np.abs(place_of(face)[0] - at).max() < _BESIDE * _size(face)]
 
 
 def _size(face: Array) -> float:
     """Larger side of a face (478, 3) in pixels."""
-    return _place(face)[1]
+    return place_of(face)[1]
 
 
 def _crop_matrix(centre: Array, turn_deg: float, scale: float, size: int) -> Array:
@@ -204,8 +198,8 @@ class _Finder:
         for place in self._places(frame):
             found = max(self.closer(frame, place), key=_size, default=None)
             if found is not None and _size(found) >= MINIMUM_FACE_PX:
-                middle, size = _place(found)
-                if all(np.linalg.norm(middle - _place(other)[0]) > _SAME_PLACE * size for other in faces):
+                middle, size = place_of(found)
+                if all(np.linalg.norm(middle - place_of(other)[0]) > _SAME_PLACE * size for other in faces):
                     faces.append(found)
         return faces
 

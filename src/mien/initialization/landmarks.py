@@ -160,3 +160,9 @@ class Landmarks:
             "points": np.round(self.points, 3).tolist(),
             "depths": None if self.depths is None else np.round(self.depths, 3).tolist(),
         }
+
+
+def place_of(points: Array) -> tuple[Array, float]:
+    """Centre (2,) and larger side in pixels of a face with points (n, 2 or 3)."""
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    return 0.5 * (low + high), float((high - low).max())

@@ -5,19 +5,21 @@ Lengths are millimetres, angles radians, image points pixels, all in camera axes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from mien.candide.model import TRACKED_UNITS
-from mien.geometry.rotation import Array
-from mien.tracking.state import EYES_CLOSED, Estimate, Status, TrackedLandmarks
+from mien.geometry.rotation import FACING, Array, matrix_from_euler
+from mien.tracking.state import EYES_CLOSED, Closing, Estimate, Status, TrackedLandmarks
 
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
 _TEXT = ("status", "reason")
+_OF_THE_FRAME = ("frame", "face_id", "timestamp")
 _WHOLE_NUMBERS = ("frame", "face_id", "success")
 _UNQUOTED = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
 
@@ -86,11 +88,11 @@ _REST = (
 )
 
 
-def table_of(estimates: Sequence[Estimate]) -> pa.Table:
-    """One row an estimate. A group that no estimate has gives no column; a lost face has null cells."""
+def table_of(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
+    """One row an estimate of a face. A group that no estimate has gives no column; a lost face has null cells."""
     columns: dict[str, pa.Array] = {
         "frame": pa.array([e.index for e in estimates], pa.int64()),
-        "face_id": pa.array([0] * len(estimates), pa.int64()),
+        "face_id": pa.array([face_id] * len(estimates), pa.int64()),
         "timestamp": pa.array(np.round([e.time for e in estimates], 6)),
         "confidence": pa.array(np.round([float(e.confidence) for e in estimates], 4)),
         "success": pa.array([int(e.status.success) for e in estimates], pa.int64()),
@@ -101,6 +103,59 @@ def table_of(estimates: Sequence[Estimate]) -> pa.Table:
     if any(reasons):
         columns["reason"] = pa.array(reasons, pa.string())
     return pa.table(columns | _columns(_REST, estimates))
+
+
+def estimate_of(row: Mapping[str, Any], landmark_names: tuple[str, ...], mm_per_unit: float) -> Estimate:
+    """The estimate that a row of the table holds, by the names of its columns; its covariance is not in the table."""
+    status = Status(row["status"])
+    index, time = int(row["frame"]), float(row["timestamp"])
+    if not status.success:
+        return Estimate(index, time, status, mm_per_unit=mm_per_unit, reason=row.get("reason") or "")
+
+    def values(names: Sequence[str]) -> Array | None:
+        known = [row.get(name) for name in names]
+        return None if not known or known[0] is None else np.array(known, float)
+
+    def points(axes: str) -> Array | None:
+        columns = [values([f"{axis}_{i}" for i in range(len(landmark_names))]) for axis in axes]
+        known = [column for column in columns if column is not None]
+        return np.stack(known, axis=1) if len(known) == len(axes) else None
+
+    angles, shift, image, camera = values(ROTATION), values(TRANSLATION), points("xy"), points("XYZ")
+    closed, closed_sd = row.get(EYES_CLOSED), row.get(EYES_CLOSED_SD)
+    return Estimate(
+        index,
+        time,
+        status,
+        rotation=None if angles is None else matrix_from_euler(angles) @ FACING,
+        translation=None if shift is None else shift / mm_per_unit,
+        animation=values(TRACKED_UNITS),
+        landmarks=None
+        if image is None
+        else TrackedLandmarks(
+            landmark_names,
+            image,
+            None if camera is None else camera / mm_per_unit,
+            values([f"visibility_{i}" for i in range(len(landmark_names))]),
+        ),
+        confidence=float(row["confidence"]),
+        mm_per_unit=mm_per_unit,
+        closing=None if closed is None or closed_sd is None else Closing(closed, closed_sd),
+    )
+
+
+def lost_rows(table: pa.Table, reason: pa.Array) -> pa.Table:
+    """The table with the face lost in the rows that have a reason."""
+    from pyarrow import compute
+
+    kept = reason.is_null()
+    fixed = {"confidence": 0.0, "success": 0, "status": Status.LOST.value}
+    columns = {name: table.column(name) for name in table.column_names}
+    before = columns.get("reason", pa.nulls(len(reason), pa.string()))
+    for name in columns.keys() - set(_OF_THE_FRAME):
+        columns[name] = compute.if_else(kept, columns[name], pa.scalar(fixed.get(name), columns[name].type))
+    columns["reason"] = compute.if_else(kept, before, reason)
+    return pa.table({name: columns[name] for name in in_order(list(columns))})
 
 
 def cell_type(name: str) -> pa.DataType:

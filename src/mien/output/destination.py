@@ -34,6 +34,11 @@ class Destination:
         the place of no input (the paths among `inputs`) and of no other. Raises MienError otherwise."""
         table = None if save is None else track_paths(save)[0]
         self = cls(table, _path(overlay, OVERLAY_ENDINGS), _path(plot, PLOT_ENDINGS))
+        self.check(inputs)
+        return self
+
+    def check(self, inputs: Iterable[object]) -> None:
+        """Raise MienError where a file cannot be written, or would take the place of an input or of another."""
         taken = {Path(p).resolve() for p in inputs if isinstance(p, (str, Path))}
         for path in self.paths():
             require(
@@ -42,7 +47,15 @@ class Destination:
             )
             taken.add(path.resolve())
             require_writable(path)
-        return self
+
+    def of_face(self, face_id: int) -> Destination:
+        """Where a further face goes: NAME-1.csv, with a plot of its own; it is drawn into the first one's overlay."""
+        if face_id == 0:
+            return self
+        table, plot = (
+            path and path.with_name(f"{path.stem}-{face_id}{path.suffix}") for path in (self.table, self.plot)
+        )
+        return Destination(table, None, plot)
 
     def paths(self) -> list[Path]:
         """Every file that will be written."""

@@ -30,6 +30,7 @@ TEXT, LOST_TEXT = (255, 255, 255), (255, 110, 100)
 AXIS_LENGTH = 0.9  # CANDIDE units
 TIME_BASE = Fraction(1, 90_000)
 _SHIFT = 4  # OpenCV draws between the pixels, with this many binary digits
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 @dataclass(frozen=True)
@@ -40,19 +41,33 @@ class Mesh:
     triangles: NDArray[np.intp]
 
 
-def draw(frame: Frame, estimate: Estimate, mesh: Mesh | None, camera: Camera) -> Pixels:
-    """What the tracker says of the frame, drawn on it: (H, W, 3) RGB, the frame's size or a multiple.
+@dataclass(frozen=True)
+class Shown:
+    """A face of a frame, with its mesh where the tracker has one, and what to call it where there are several."""
+
+    estimate: Estimate
+    mesh: Mesh | None = None
+    name: str = ""
+
+
+def draw(frame: Frame, faces: Iterable[Shown], camera: Camera) -> Pixels:
+    """What is known of the faces of a frame, drawn on it: (H, W, 3) RGB, the frame's size or a multiple.
 
     The mesh shows its visible triangles. Landmarks are green when seen, yellow when doubtful, red rings when
     hidden. The axes are those of the head: red to the subject's left, green up, blue out of the face.
     """
     canvas, scale = _enlarge(frame)
-    if mesh is not None and estimate.status.success:
-        _draw_mesh(canvas, mesh, camera, scale)
-    if estimate.landmarks is not None:
-        _draw_landmarks(canvas, estimate.landmarks, scale)
-    _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
-    _draw_text(canvas, _caption(estimate), TEXT if estimate.status.success else LOST_TEXT)
+    bottom = canvas.shape[0]
+    for face in reversed(list(faces)):
+        estimate, mesh = face.estimate, face.mesh
+        if mesh is not None and estimate.status.success:
+            _draw_mesh(canvas, mesh, camera, scale)
+        if estimate.landmarks is not None:
+            _draw_landmarks(canvas, estimate.landmarks, scale)
+            _draw_name(canvas, face.name, estimate.landmarks.image * scale)
+        _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
+        caption = f"{face.name}  {_caption(estimate)}".strip()
+        bottom = _draw_text(canvas, caption, TEXT if estimate.status.success else LOST_TEXT, bottom)
     return canvas
 
 
@@ -226,11 +241,26 @@ def _caption(estimate: Estimate) -> str:
     )
 
 
-def _draw_text(canvas: Pixels, text: str, colour: tuple[int, int, int]) -> None:
-    """One line on a dark strip at the lower border, as large as the width allows."""
-    font, size = cv2.FONT_HERSHEY_SIMPLEX, max(0.45, canvas.shape[1] / 1300)
-    (width, height), baseline = cv2.getTextSize(text, font, size, 1)
+def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
+    """What a face is called, above its landmarks (n, 2)."""
+    place = points[:, 0].mean(), points[:, 1].min() - 0.6 * np.ptp(points[:, 1])
+    if name and np.isfinite(place).all():
+        (width, _), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
+        corner = int(place[0] - width / 2), int(place[1])
+        for colour, thickness in (((20, 30, 40), 5), (TEXT, 2)):
+            cv2.putText(canvas, name, corner, _FONT, _text_size(canvas), colour, thickness, cv2.LINE_AA)
+
+
+def _draw_text(canvas: Pixels, text: str, colour: tuple[int, int, int], bottom: int) -> int:
+    """One line on a dark strip that ends at a row, as large as the width allows; returns the row where it begins."""
+    size = _text_size(canvas)
+    (width, height), baseline = cv2.getTextSize(text, _FONT, size, 1)
     size *= min(1.0, (canvas.shape[1] - 16) / max(width, 1))
-    top = canvas.shape[0] - height - baseline - 8
-    canvas[top:] = (0.4 * canvas[top:]).astype(np.uint8)
-    cv2.putText(canvas, text, (8, canvas.shape[0] - baseline - 3), font, size, colour, 1, cv2.LINE_AA)
+    top = max(bottom - int(height) - int(baseline) - 8, 0)
+    canvas[top:bottom] = (0.4 * canvas[top:bottom]).astype(np.uint8)
+    cv2.putText(canvas, text, (8, bottom - baseline - 3), _FONT, size, colour, 1, cv2.LINE_AA)
+    return top
+
+
+def _text_size(canvas: Pixels) -> float:
+    return max(0.45, canvas.shape[1] / 1300)

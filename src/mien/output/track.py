@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import mmap
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -26,7 +26,9 @@ from mien.output.columns import (
     ROTATION_SD,
     TRANSLATION,
     cell_type,
+    estimate_of,
     in_order,
+    lost_rows,
     table_of,
 )
 from mien.tracking.state import EYES_CLOSED, Estimate
@@ -130,6 +132,19 @@ class Track:
         x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
         return None if x is None or y is None else np.stack([x, y], axis=-1)
 
+    def without(self, reasons: Sequence[str | None]) -> Track:
+        """The track with the face lost in the frames for which there is a reason, one or None for every frame."""
+        reason = pa.array(reasons, pa.string())
+        return replace(self, table=lost_rows(self.table, reason)) if reason.null_count < len(reason) else self
+
+    def estimates(self) -> Iterator[Estimate]:
+        """The estimate of every frame, as the table holds it: without covariance, and rounded."""
+        names = tuple(self.metadata.get("landmark_names", ()))
+        mm_per_unit = float(self.metadata.get("mm_per_unit", 1.0))
+        for batch in self.table.to_batches(max_chunksize=BATCH):
+            for row in batch.to_pylist():
+                yield estimate_of(row, names, mm_per_unit)
+
     def to_arrow(self) -> pa.Table:
         """The table, for Arrow, Polars and DuckDB."""
         return self.table
@@ -213,11 +228,13 @@ class Track:
 class Recorder:
     """Collects estimates in a nameless temporary file, so that memory does not grow with the video.
 
-    The file lies in the folder of `path` if one is given. It vanishes with the process, however that ends.
+    The file lies in the folder of `path` if one is given. It vanishes with the process, however that ends. face_id:
+    which face of the video the estimates are of.
     """
 
-    def __init__(self, path: Path | None = None) -> None:
+    def __init__(self, path: Path | None = None, face_id: int = 0) -> None:
         self.path = path or Path(tempfile.gettempdir())
+        self.face_id = face_id
         self.count = 0
         self.landmark_names: tuple[str, ...] = ()
         self._waiting: list[Estimate] = []
@@ -255,7 +272,7 @@ class Recorder:
     def _flush(self) -> None:
         """Each batch has a schema of its own: what is estimated may change on the way."""
         if self._waiting:
-            table = table_of(self._waiting)
+            table = table_of(self._waiting, self.face_id)
             with named_errors(self.path):
                 with pa.ipc.new_stream(self._file, table.schema) as stream:
                     stream.write_table(table)

@@ -1,0 +1,189 @@
+"""Several faces of a video, each tracked for itself: the portrait twice, side by side, in motions of its own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+import mien
+from mien.errors import MienError, MienWarning
+from mien.faces import Followed, Places, Sighting, _apart, _appearances, _is_known, track_faces
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
+from mien.initialization.landmarks import Landmarks, Point, place_of
+from mien.output.track import Track
+from mien.synthetic import SyntheticSequence, make_sequence, moved
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import Frame
+from videos import known_portrait, write_video
+
+COUNT, FPS = 40, 10
+HERE = range(7, 32)
+"""Frames in which the face on the right is there; a look is at every fifth."""
+WIDTH, HEIGHT = 320, 240
+FOCAL = known_portrait().camera.focal_px
+
+
+@cache
+def turning(way: int) -> SyntheticSequence:
+    """The portrait that turns by half a degree a frame to one side."""
+    angles = np.zeros((COUNT, 3))
+    angles[:, 1] = 0.5 * way * np.arange(COUNT)
+    return make_sequence(known_portrait(), moved(known_portrait(), angles, 0 * angles, np.zeros((COUNT, 6))))
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Two of them in one picture; the one on the right comes later and goes earlier."""
+    left, right = ([frame.pixels for frame in turning(way).frames] for way in (1, -1))
+    nobody = np.full_like(left[0], 90)
+    pairs = [np.hstack([a, right[k] if k in HERE else nobody]) for k, a in enumerate(left)]
+    return write_video(tmp_path / "two.mkv", pairs, fps=FPS)
+
+
+@pytest.fixture
+def detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that finds the true landmarks, on the left and, while it is there, on the right."""
+
+    def look(frame: Frame, at: Point | None = None) -> list[Landmarks]:
+        k = frame.index
+        points = [turning(1).landmarks[k], *[turning(-1).landmarks[k] + [WIDTH, 0]] * (k in HERE)]
+        faces = [Landmarks(p, "candide26", frame_index=k, time=frame.time) for p in points]
+        return [face for face in faces if at is None or np.linalg.norm(place_of(face.points)[0] - at) < 60]
+
+    def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
+        return next(((frame, look(frame, at)) for frame in frames if look(frame, at)), None)
+
+    for name, stands_for in (("look", look), ("detect", look), ("first_with_a_face", first_with_a_face)):
+        monkeypatch.setattr(f"mien.initialization.detector.{name}", stands_for)
+
+
+@pytest.mark.usefixtures("detector")
+def test_each_face_has_a_track_and_all_are_drawn(video: Path, tmp_path: Path) -> None:
+    """The one that comes later is seen in a look after it came, and tracked back to where it came."""
+    files = {"save": tmp_path / "out.csv", "overlay": tmp_path / "out.mp4", "plot": tmp_path / "out.png"}
+    heard: list[tuple[int, int | None]] = []
+    tracks = track_faces(
+        video, 5, focal_px=FOCAL, at_once=True, progress=lambda e, total: heard.append((e.index, total)), **files
+    )
+    assert len(tracks) == 2
+    for face_id, (track, way) in enumerate(zip(tracks, (1, -1), strict=True)):
+        assert set(track.table.column("face_id").to_pylist()) == {face_id}
+        there = np.array([status != "lost" for status in track.status])
+        assert np.flatnonzero(there).tolist() == (list(HERE) if face_id else list(range(COUNT)))
+        by_frame = np.polyfit(np.flatnonzero(there), track.euler_deg[there, 1], 1)[0]
+        assert by_frame == pytest.approx(0.5 * way, rel=0.2)  # what one camera for both pictures leaves of it
+        assert track.landmarks is not None
+        assert (np.nanmean(track.landmarks[:, :, 0]) > WIDTH) == bool(face_id)
+    assert len(heard) == 3 * COUNT  # both faces, and drawing them
+    assert heard[-1][1] == 3 * COUNT
+    for name in ("out.csv", "out-1.csv", "out-1.png", "out.png"):
+        assert (tmp_path / name).exists()
+    assert not (tmp_path / "out-1.mp4").exists()
+    about = json.loads((tmp_path / "out.json").read_text())
+    assert (about["complete"], about["faces"], about["face_id"]) == (True, 2, 0)
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        pictures = [frame.to_ndarray(format="rgb24").astype(int) for frame in container.decode(video=0)]
+    assert len(pictures) == COUNT
+    green = [(p[:, :, 1] - p[:, :, 0] > 80).any(axis=0) for p in (pictures[2], pictures[20])]  # landmarks
+    assert [g[:WIDTH].any() and g[WIDTH:].any() for g in green] == [False, True]
+
+
+@pytest.mark.usefixtures("detector")
+def test_no_more_faces_than_are_wanted(video: Path) -> None:
+    (track,) = track_faces(video, 1, focal_px=FOCAL, at_once=True)
+    assert track.lost == 0
+
+
+@pytest.mark.usefixtures("detector")
+def test_what_is_done_is_written_when_it_is_stopped(video: Path, tmp_path: Path) -> None:
+    """The first face is done, the second half: neither is lost, and neither says that it is complete."""
+    heard: list[Estimate] = []
+
+    def progress(estimate: Estimate, total: int | None) -> None:
+        heard.append(estimate)
+        if len(heard) == COUNT + 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="out-1.csv"):
+        track_faces(video, 2, focal_px=FOCAL, at_once=True, progress=progress, save=tmp_path / "out.csv")
+    first, second = (Track.read(tmp_path / name) for name in ("out.csv", "out-1.csv"))
+    assert len(first) == COUNT
+    assert 10 < len(second) < COUNT
+    assert [track.metadata["complete"] for track in (first, second)] == [False, False]
+
+
+def test_what_cannot_be_had(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mien.initialization.detector.look", lambda frame, at=None: [])
+    with pytest.raises(MienError, match=r"two\.mkv: no face was found"):
+        track_faces(video, 2)
+    with pytest.raises(MienError, match="0 faces to track"):
+        track_faces(video, 0)
+
+
+# What is known of where the faces are
+
+
+def _at(k: int, x: float, confidence: float, status: Status = Status.TRACKED) -> Estimate:
+    points = np.array([[x, 100.0], [x + 50, 150.0]])
+    if status is Status.LOST:
+        return Estimate(k, k / FPS, status)
+    known = TrackedLandmarks(("a", "b"), points)
+    return Estimate(k, k / FPS, status, FACING, np.array([0, 0, 9.0]), landmarks=known, confidence=confidence)
+
+
+def _followed(estimates: Iterable[Estimate], face_id: int = 0) -> Followed:
+    track = Track.from_estimates(estimates, {"face_id": face_id})
+    return Followed(track, Places(track), None, Camera.from_fov(WIDTH, HEIGHT))  # type: ignore[arg-type]
+
+
+def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
+    sure = _followed([_at(k, 100.0, 0.9) for k in range(4)] + [_at(4, 0, 0, Status.LOST)], 0)
+    other = _followed(
+        [_at(0, 110.0, 0.5), _at(1, 110.0, 0.95), _at(2, 200.0, 0.5), *(_at(k, 110.0, 0.5) for k in (3, 4))], 1
+    )
+    apart = _apart(other, [sure, other])
+    assert apart.status == ["lost", "tracked", "tracked", "lost", "tracked"]
+    assert apart.table.column("reason").to_pylist() == ["face 0 is here", None, None, "face 0 is here", None]
+    lost = apart.table.slice(0, 1).to_pylist()[0]
+    assert {name for name, value in lost.items() if value is not None} == {
+        "frame", "face_id", "timestamp", "confidence", "success", "status", "reason",
+    }  # fmt: skip
+    assert (lost["confidence"], lost["success"]) == (0, 0)
+    assert apart.table.slice(1, 2).drop(["reason"]).equals(other.track.table.slice(1, 2))
+    assert _apart(sure, [sure, other]).status == ["tracked", "lost", "tracked", "tracked", "lost"]
+    assert _apart(sure, [sure]) is sure.track
+
+
+def _seen(k: int, x: float, size: float = 50.0) -> Sighting:
+    return Sighting(k, k / FPS, np.array([x + 25, 125.0]), size)
+
+
+def test_an_appearance_is_what_is_seen_again_in_its_place() -> None:
+    face, flash, other = (_seen(0, 100), _seen(5, 110), _seen(20, 125)), _seen(5, 300), (_seen(20, 200), _seen(25, 200))
+    late = _seen(45, 100), _seen(50, 100)  # somebody may have come in the meantime
+    looks = [[face[0]], [face[1], flash], [], [other[0], face[2]], [other[1]], [late[0]], [late[1]]]
+    assert _appearances(looks) == [list(face), list(other), list(late)]
+    assert _appearances([[flash]]) == [[flash]]  # of a video too short for two looks
+    assert not _seen(0, 100).is_at(_seen(0, 100, 100.0))
+    assert not replace(_seen(5, 100), cuts=1).follows(_seen(0, 100))
+
+
+def test_a_face_is_known_where_a_track_has_it() -> None:
+    other = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4, Status.LOST if k > 7 else Status.TRACKED) for k in range(10))
+    assert _is_known([_seen(9, 100), _seen(4, 105)], [other])
+    for k, x in ((4, 200), (6, 100), (9, 100)):
+        assert not _is_known([_seen(k, x)], [other])
+    assert not _is_known([_seen(4, 100)], [])
+
+
+@pytest.mark.usefixtures("detector")
+def test_it_is_part_of_mien(video: Path) -> None:
+    assert mien.track_faces is track_faces
