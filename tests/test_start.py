@@ -112,6 +112,13 @@ def test_what_is_behind_the_end_is_not_looked_at(detector: set[int], video: Path
     assert start.prepare(open_video(video), camera=face().camera, end=0.5).first.index == 10
 
 
+def test_what_is_behind_a_cut_is_not_looked_at(detector: set[int], turning: SyntheticSequence, tmp_path: Path) -> None:
+    """Who is there may be somebody else."""
+    pictures = [frame.pixels if k < 12 else 255 - frame.pixels for k, frame in enumerate(turning.frames)]
+    video = write_video(tmp_path / "cut.mkv", pictures)
+    assert start.prepare(open_video(video), camera=face().camera).first.index == 10
+
+
 def test_who_asks_for_it_begins_at_once(detector: set[int], video: Path, turning: SyntheticSequence) -> None:
     assert start.prepare(open_video(video), camera=face().camera, at_once=True).first.index == 0
     assert start.prepare(Live(turning.frames), camera=face().camera, at_once=True).first.index == 0

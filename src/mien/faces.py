@@ -8,7 +8,6 @@ another's: where two tracks have the same face, the less certain one has none.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,7 +25,7 @@ from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, tracked
 from mien.registry import create_tracker
 from mien.start import Start, prepare
-from mien.tracking.scene import Scene
+from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate, Mask, Tracker
 from mien.video import Frame, Video, expected_count, open_video, select
 
@@ -36,9 +35,6 @@ _SAME_PLACE, _SAME_SIZE = 0.5, 1.6
 """Distance of two faces' centres, in sizes of the face, and factor of their sizes, below which they are the same."""
 _GAP_SECONDS = 2.0
 """How long a face may not be seen and still be the same at its place."""
-_SAME_SCENE = 0.6
-"""Correlation of what surrounds the faces from look to look below which it is another picture; of twelve recordings
-and their 850 looks three have less."""
 _KNOWN = 0.5
 """Confidence above which a track has the face that it began with."""
 _LEAST_SECONDS = 1.0
@@ -48,7 +44,7 @@ _LEAST_SECONDS = 1.0
 @dataclass(frozen=True)
 class Sighting:
     """A face that was seen in a frame: its index and seconds; centre (2,) and larger side in pixels; and how many other
-    pictures there were before: after a cut, who is at the same place is not the same."""
+    shots there were before: after a cut, who is at the same place is not the same."""
 
     index: int
     time: float
@@ -151,8 +147,7 @@ def track_faces(
     for sightings in _appearances(looks):
         if len(found) == faces or _is_known(sightings, found):
             continue
-        cut = _next_cut(sightings[0], looks)
-        begin = _begin(sightings[0], source, (camera, focal_px, fov_deg), (start, end), cut, at_once)
+        begin = _begin(sightings[0], source, (camera, focal_px, fov_deg), (start, end), at_once)
         if begin is not None and not _is_known([_seen(begin.landmarks)], found):
             first = Pass(begin, preset, create_tracker(preset), face_id=len(found))
             of_face = replace(files.of_face(len(found)), overlay=None)
@@ -175,13 +170,8 @@ def _looks(video: Video, start: float | None, end: float | None) -> Iterator[lis
     from mien.initialization.detector import look
 
     step = max(1, round(_LOOK_EVERY * video.fps))
-    scene, cuts = Scene(look_back=1), 0
-    for frame in islice(select(video, start, end), None, None, step):
-        seen = [_seen(face) for face in look(frame)]
-        scene.remember(frame)
-        centre, size = (seen[0].centre, seen[0].size) if seen else (np.zeros(2), 0.0)
-        cuts += scene.correlation(frame, centre, size) < _SAME_SCENE
-        yield [replace(one, cuts=cuts) for one in seen]
+    for cuts, frame in islice(numbered_by_shot(select(video, start, end)), None, None, step):
+        yield [replace(_seen(face), cuts=cuts) for face in look(frame)]
 
 
 def _seen(face: Landmarks) -> Sighting:
@@ -208,31 +198,23 @@ def _is_known(sightings: Sequence[Sighting], faces: Sequence[Followed]) -> bool:
     return any(face.places.has(seen) for face in faces for seen in sightings)
 
 
-def _next_cut(seen: Sighting, looks: Sequence[list[Sighting]]) -> float:
-    """Seconds of the last look before another picture follows in which a face is; infinite where none does."""
-    later = (one.time for look in looks for one in look if one.cuts > seen.cuts)
-    return next(later, math.inf) - _LOOK_EVERY
-
-
 def _begin(
     seen: Sighting,
     video: Video,
     camera: tuple[Camera | str | Path | None, float | None, float | None],
     part: tuple[float | None, float | None],
-    cut: float,
     at_once: bool,
 ) -> Start | None:
-    """What tracking a face begins with that was seen: where it is seen best until the next cut, from the look before it
-    was seen on; None where a closer look does not find it."""
-    (start, end), frame = part, 1 / video.fps
-    until = min(cut + frame, math.inf if end is None else end)
+    """What tracking a face begins with that was seen, from the look before that on; None where a closer look does not
+    find it."""
+    start, end = part
     x, y = seen.centre.tolist()
     try:
-        begin = prepare(video, None, *camera, seen.time, until, at_once, (x, y))
+        begin = prepare(video, None, *camera, seen.time, end, at_once, (x, y))
     except MienError as error:
         warn(f"{error}; it is left out")
         return None
-    before = begin.since - _LOOK_EVERY - frame
+    before = begin.since - _LOOK_EVERY - 1 / video.fps
     return replace(begin, frames=select(video, start, end), since=max(before, start or 0.0), told=0)
 
 

@@ -21,6 +21,7 @@ from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import expected_errors
+from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate
 from mien.video import Frame, Video, select
 
@@ -106,11 +107,13 @@ def not_yet(frame: Frame) -> Estimate:
 def best_look(
     first: Frame, landmarks: Landmarks, camera: Camera, video: Video, end: float | None = None
 ) -> tuple[Frame, Landmarks]:
-    """The frame from which a face is best learned, and its landmarks there: this one, or one of those that follow."""
+    """The frame from which a face is best learned, and its landmarks there: this one, or one of those that follow until
+    there is a cut, after which another face may be at the same place."""
     from mien.initialization.detector import follow, refine
 
     step = max(1, round(_LOOK_EVERY * video.fps))
-    later = islice(select(video, first.time, end), step, None, step)
+    uncut = takewhile(lambda shot: shot[0] == 0, numbered_by_shot(select(video, first.time, end)))
+    later = (frame for _, frame in islice(uncut, step, None, step))
     fit = fit_first_frame(landmarks, camera)
     looks, facing = [landmarks], _into_camera(fit)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.scene import Scene
+from mien.tracking.scene import Scene, numbered_by_shot
 from mien.video import Frame
 from small_motion import face, run, small_motion
 
@@ -30,6 +30,15 @@ def _correlation(*frames: Frame, radius: float = RADIUS) -> float:
 def test_a_hand_before_the_face_leaves_its_surroundings_as_they_were() -> None:
     hand = Frame(np.where(IN_FACE[..., None], 200, _noise(0).pixels).astype(np.uint8))
     assert _correlation(_noise(0), hand) == pytest.approx(1)
+
+
+def test_cuts_are_counted() -> None:
+    """A hand before the face is none, nor the first half of a dissolve; black in between is two."""
+    hand = Frame(np.where((IN_FACE & (X < 80))[..., None], 200, _noise(0).pixels).astype(np.uint8))
+    mixed = Frame((0.6 * _noise(0).pixels + 0.4 * _noise(1).pixels).astype(np.uint8))
+    black = Frame(np.zeros((*SIZE, 3), np.uint8))
+    shots = numbered_by_shot([_noise(0), hand, _noise(0), mixed, _noise(1), _noise(2), black, _noise(2)])
+    assert [cuts for cuts, _ in shots] == [0, 0, 0, 0, 1, 2, 3, 4]
 
 
 def test_brighter_surroundings_are_the_same() -> None:

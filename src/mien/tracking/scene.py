@@ -4,6 +4,7 @@ grimace, does not change it."""
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Iterator
 from itertools import product
 
 import numpy as np
@@ -14,6 +15,8 @@ from mien.video import Frame
 
 _ROWS, _COLUMNS = 24, 32
 """Cells of the grid, at least, where the frame has as many pixels."""
+_SAME_SHOT = 0.7
+"""Correlation of a picture with the one before it below which there was a cut: in thirteen recordings 0.82 and more."""
 _LEAST_AROUND = 0.08
 """Share of the grid's cells that have to lie around the face for anything to be said of them."""
 
@@ -48,6 +51,15 @@ class Scene:
             return 0.0
         before, now = (grid[around] - grid[around].mean() for grid in (self.seen[0], self.seen[-1]))
         return float(before @ now / max(np.linalg.norm(before) * np.linalg.norm(now), 1e-9))
+
+
+def numbered_by_shot(frames: Iterable[Frame]) -> Iterator[tuple[int, Frame]]:
+    """Each frame with how many cuts there were before it."""
+    scene, cuts = Scene(look_back=1), 0
+    for frame in frames:
+        scene.remember(frame)
+        cuts += scene.correlation(frame, np.zeros(2), 0.0) < _SAME_SHOT
+        yield cuts, frame
 
 
 def _cell(frame: Frame) -> tuple[int, int]:
