@@ -167,11 +167,11 @@ def track_faces(
 
 def _looks(video: Video, start: float | None, end: float | None) -> Iterator[list[Sighting]]:
     """The faces that are seen, twice a second, the largest first."""
-    from mien.initialization.detector import look
+    from mien.initialization.detector import everybody
 
     step = max(1, round(_LOOK_EVERY * video.fps))
     for cuts, frame in islice(numbered_by_shot(select(video, start, end)), None, None, step):
-        yield [replace(_seen(face), cuts=cuts) for face in look(frame)]
+        yield [replace(_seen(face), cuts=cuts) for face in everybody(frame)]
 
 
 def _seen(face: Landmarks) -> Sighting:

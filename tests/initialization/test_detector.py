@@ -61,6 +61,16 @@ def test_a_face_that_is_small_in_the_image_is_followed() -> None:
     assert np.abs(found.points - known).mean() < 2.5
 
 
+def test_beside_a_near_face_a_distant_one_is_found() -> None:
+    near, _ = _far_away((20, 20), 300)
+    far, known = _far_away((1000, 400))
+    near.pixels[400:, 1000:] = far.pixels[400:, 1000:]
+    assert len(detector.look(near)) == 1
+    large, small = detector.everybody(near)
+    assert np.ptp(large.points, axis=0).max() > 250
+    assert np.abs(small.points - known).mean() < 2.5
+
+
 def test_a_face_that_is_too_small_to_be_tracked_is_passed_over() -> None:
     assert detector.detect(_far_away((900, 400), face_px=30)[0]) == []
 

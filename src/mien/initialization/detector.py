@@ -15,7 +15,7 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import import_module
 from itertools import product
 from types import ModuleType
@@ -84,6 +84,15 @@ def look(frame: Frame, at: Point | None = None) -> list[Landmarks]:
         return [_landmarks(frame, face) for face in finder.largest_first(frame, at=at)]
 
 
+def everybody(frame: Frame) -> list[Landmarks]:
+    """All faces of a frame, the largest first, from a single look, those that are small in the image as well as others.
+
+    Raises MienError where MediaPipe is not installed.
+    """
+    with _finder(_MAXIMUM_FACES) as finder:
+        return [_landmarks(frame, face) for face in _by_size(finder.distant(frame, finder.near(frame)))]
+
+
 def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
     """A face in later frames, from a single look each; frames that show none where it was last are passed over.
 
@@ -146,6 +155,17 @@ def _there(faces: list[Array], at: Point | None) -> list[Array]:
     return [face for face in faces if np.abs(place_of(face)[0] - at).max() < _BESIDE * _size(face)]
 
 
+def _is_among(place: _Place, faces: Iterable[Array]) -> bool:
+    """Whether one of the faces (478, 3) is at a place."""
+    middle, size = place
+    return any(np.linalg.norm(middle - place_of(face)[0]) <= _SAME_PLACE * size for face in faces)
+
+
+def _by_size(faces: list[Array]) -> list[Array]:
+    """The faces (478, 3), the largest first."""
+    return sorted(faces, key=lambda face: -float(np.ptp(face[:, :2], axis=0).prod()))
+
+
 def _size(face: Array) -> float:
     """Larger side of a face (478, 3) in pixels."""
     return place_of(face)[1]
@@ -186,21 +206,20 @@ class _Finder:
         """Points (478, 3) of every face that is seen, at a point where one is given; distant: where there is none, also
         of those that are small in the image."""
         faces = _there(self.near(frame), at) or (_there(self.distant(frame), at) if distant else [])
-        return sorted(faces, key=lambda face: -float(np.ptp(face[:, :2], axis=0).prod()))
+        return _by_size(faces)
 
     def near(self, frame: Frame) -> list[Array]:
         """Points (478, 3) of every face that is large enough in the image to be seen in it."""
         return read_faces(self.mesh, frame.pixels)
 
-    def distant(self, frame: Frame) -> list[Array]:
-        """Points (478, 3) of every face that is seen only in a closer look, and is large enough to be tracked."""
-        faces: list[Array] = []
-        for place in self._places(frame):
-            found = max(self.closer(frame, place), key=_size, default=None)
-            if found is not None and _size(found) >= MINIMUM_FACE_PX:
-                middle, size = place_of(found)
-                if all(np.linalg.norm(middle - place_of(other)[0]) > _SAME_PLACE * size for other in faces):
-                    faces.append(found)
+    def distant(self, frame: Frame, near: Sequence[Array] = ()) -> list[Array]:
+        """Points (478, 3) of every face that is seen only in a closer look, and is large enough to be tracked, after
+        those that are near: where there are such, smaller ones are looked for everywhere."""
+        faces = list(near)
+        for place in self._places(frame, everywhere=bool(near)):
+            found = None if _is_among(place, faces) else max(self.closer(frame, place), key=_size, default=None)
+            if found is not None and _size(found) >= MINIMUM_FACE_PX and not _is_among(place_of(found), faces):
+                faces.append(found)
         return faces
 
     def closer(self, frame: Frame, place: _Place, turn_deg: float = 0.0, scale: float = 1.0) -> list[Array]:
@@ -213,10 +232,11 @@ class _Finder:
         crop = cv2.warpAffine(frame.pixels, A, (pixels, pixels), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         return [_uncrop(face, A) for face in read_faces(self.mesh, crop)]
 
-    def _places(self, frame: Frame) -> list[_Place]:
-        """Where there may be a face: in the whole frame, or else, in a large one, in its quarters."""
+    def _places(self, frame: Frame, everywhere: bool) -> list[_Place]:
+        """Where there may be a face: in the whole frame, and if there is none, or everywhere, in the quarters of a
+        large one."""
         places = self._places_in(frame.pixels, np.zeros(2))
-        if not places and frame.width > _LARGE_PX:
+        if (everywhere or not places) and frame.width > _LARGE_PX:
             height, width = (math.ceil(_QUARTER * side) for side in (frame.height, frame.width))
             for y, x in product((0, frame.height - height), (0, frame.width - width)):
                 places += self._places_in(frame.pixels[y : y + height, x : x + width], np.array([x, y]))

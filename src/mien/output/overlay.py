@@ -31,6 +31,8 @@ AXIS_LENGTH = 0.9  # CANDIDE units
 TIME_BASE = Fraction(1, 90_000)
 _SHIFT = 4  # OpenCV draws between the pixels, with this many binary digits
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+_MOST_LINES = 6
+"""Faces of which a line of text tells: more would hide the picture."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,8 @@ def draw(frame: Frame, faces: Iterable[Shown], camera: Camera) -> Pixels:
     hidden. The axes are those of the head: red to the subject's left, green up, blue out of the face.
     """
     canvas, scale = _enlarge(frame)
-    bottom = canvas.shape[0]
-    for face in reversed(list(faces)):
+    shown, bottom = list(faces), canvas.shape[0]
+    for face in shown:
         estimate, mesh = face.estimate, face.mesh
         if mesh is not None and estimate.status.success:
             _draw_mesh(canvas, mesh, camera, scale)
@@ -66,8 +68,9 @@ def draw(frame: Frame, faces: Iterable[Shown], camera: Camera) -> Pixels:
             _draw_landmarks(canvas, estimate.landmarks, scale)
             _draw_name(canvas, face.name, estimate.landmarks.image * scale)
         _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
-        caption = f"{face.name}  {_caption(estimate)}".strip()
-        bottom = _draw_text(canvas, caption, TEXT if estimate.status.success else LOST_TEXT, bottom)
+    for face in reversed(shown[:_MOST_LINES]):
+        caption = f"{face.name}  {_caption(face.estimate)}".strip()
+        bottom = _draw_text(canvas, caption, TEXT if face.estimate.status.success else LOST_TEXT, bottom)
     return canvas
 
 
