@@ -83,6 +83,25 @@ def test_a_lost_frame_keeps_its_row_with_empty_cells(track: Track, tmp_path: Pat
     assert all(line.count(",") == lines[0].count(",") for line in lines)
 
 
+def test_the_estimates_come_back_from_the_table(track: Track) -> None:
+    told = Track(track.table, {"landmark_names": ["a", "b", "c"], "mm_per_unit": 100.0})
+    first, second, gone, _ = told.estimates()
+    assert (first.status, second.status, second.index, second.time) == (Status.INITIALIZED, Status.TRACKED, 1, 0.033333)
+    assert (gone.status, gone.reason, gone.rotation, gone.landmarks) == (Status.LOST, "nothing; 'seen'", None, None)
+    known = estimate(1)
+    for name in ("rotation", "translation", "animation"):
+        np.testing.assert_allclose(getattr(second, name), getattr(known, name), atol=1e-6)
+    assert second.landmarks is not None
+    assert known.landmarks is not None
+    assert second.landmarks.names == known.landmarks.names
+    for name in ("image", "camera", "visibility"):
+        np.testing.assert_allclose(getattr(second.landmarks, name), getattr(known.landmarks, name))
+    assert (second.closing, second.confidence, second.mm_per_unit) == (known.closing, 0.875, 100.0)
+    bare = replace(estimate(0), animation=None, covariance=None, landmarks=None, closing=None)
+    (back,) = Track.from_estimates([bare]).estimates()
+    assert (back.animation, back.landmarks, back.closing) == (None, None, None)
+
+
 def test_what_is_not_estimated_has_no_column() -> None:
     bare = replace(estimate(0), animation=None, covariance=None, landmarks=None, closing=None)
     names = Track.from_estimates([bare]).table.column_names

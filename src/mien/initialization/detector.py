@@ -212,11 +212,11 @@ class _Finder:
         """Points (478, 3) of every face that is large enough in the image to be seen in it."""
         return read_faces(self.mesh, frame.pixels)
 
-    def distant(self, frame: Frame, near: Sequence[Array] = ()) -> list[Array]:
-        """Points (478, 3) of every face that is seen only in a closer look, and is large enough to be tracked, after
-        those that are near: where there are such, smaller ones are looked for everywhere."""
-        faces = list(near)
-        for place in self._places(frame, everywhere=bool(near)):
+    def distant(self, frame: Frame, near: Sequence[Array] | None = None) -> list[Array]:
+        """Points (478, 3) of every face that is seen only in a closer look, and is large enough to be tracked. near:
+        where these are given, all faces are wanted: smaller ones are looked for everywhere, and come after these."""
+        faces = list(near or ())
+        for place in self._places(frame, everywhere=near is not None):
             found = None if _is_among(place, faces) else max(self.closer(frame, place), key=_size, default=None)
             if found is not None and _size(found) >= MINIMUM_FACE_PX and not _is_among(place_of(found), faces):
                 faces.append(found)
