@@ -32,8 +32,8 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 is that of one core. MediaPipe takes the threads that it wants all the same."""
 
 NOT_OF_A_TRACK = (
-    "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "live.py", "pipeline.py", "processes.py",
-    "synthetic.py",
+    "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py", "pipeline.py",
+    "processes.py", "synthetic.py",
 )  # fmt: skip
 """Parts of mien that a track does not depend on."""
 
