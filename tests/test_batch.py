@@ -127,13 +127,13 @@ def test_every_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path
 
 
 def test_every_face_of_a_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
-    code["a.mp4"] = f"{COPY}; [shutil.copy(sys.argv[1] + e, sys.argv[2] + '-1' + e) for e in sys.argv[3:]]"
+    code["a.mp4"] = f"{COPY}; [shutil.copy(sys.argv[1] + e, sys.argv[2] + '.face1' + e) for e in sys.argv[3:]]"
     done, out, wish = tmp_path / "done.json", tmp_path / "out", Wish(faces=2)
     done.write_text(json.dumps({**json.loads(done.read_text()), "faces": 2, "faces_wanted": 2}))
     assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
     rows = _summary(out)
     assert [(Path(row["table"]).name, row["face_id"], row["faces"]) for row in rows] == [
-        ("a.csv", "0", "2"), ("a-1.csv", "1", "2"),
+        ("a.csv", "0", "2"), ("a.face1.csv", "1", "2"),
     ]  # fmt: skip
     assert [row["lost"] for row in rows] == ["1", "1"]
     assert _states(track_all([videos / "a.mp4"], out, wish)) == ["kept"]

@@ -335,8 +335,8 @@ def test_no_face_and_two_faces_with_the_real_detector(
     refused(["track", two, "--faces", 2, *asked, "--show"], "--face, --show is for one face", "leave it out")
     result = mien("track", two, "-o", "both.csv", "--faces", 4, "--plot", "both.png")
     assert "2 frames, face 1 lost in 0" in result.out
-    assert "wrote both-1.png" in result.out
-    both = [Track.read(tmp_path / name).table for name in ("both.csv", "both-1.csv")]
+    assert "wrote both.face1.png" in result.out
+    both = [Track.read(tmp_path / name).table for name in ("both.csv", "both.face1.csv")]
     assert [table.column("x_0")[0].as_py() < 320 for table in both] == [True, False]
     assert [table.column("face_id").to_pylist() for table in both] == [[0, 0], [1, 1]]
     refused(["track", gray, "--faces", 2], "gray.mkv: no face was found in it")

@@ -84,9 +84,9 @@ def test_each_face_has_a_track_and_all_are_drawn(video: Path, tmp_path: Path) ->
         assert (np.nanmean(track.landmarks[:, :, 0]) > WIDTH) == bool(face_id)
     assert len(heard) == 3 * COUNT  # both faces, and drawing them
     assert heard[-1][1] == 3 * COUNT
-    for name in ("out.csv", "out-1.csv", "out-1.png", "out.png"):
+    for name in ("out.csv", "out.face1.csv", "out.face1.png", "out.png"):
         assert (tmp_path / name).exists()
-    assert not (tmp_path / "out-1.mp4").exists()
+    assert not (tmp_path / "out.face1.mp4").exists()
     about = json.loads((tmp_path / "out.json").read_text())
     assert (about["complete"], about["faces"], about["face_id"]) == (True, 2, 0)
     with av.open(str(tmp_path / "out.mp4")) as container:
@@ -112,9 +112,9 @@ def test_what_is_done_is_written_when_it_is_stopped(video: Path, tmp_path: Path)
         if len(heard) == COUNT + 20:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="out-1.csv"):
+    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="out.face1.csv"):
         track_faces(video, 2, focal_px=FOCAL, at_once=True, progress=progress, save=tmp_path / "out.csv")
-    first, second = (Track.read(tmp_path / name) for name in ("out.csv", "out-1.csv"))
+    first, second = (Track.read(tmp_path / name) for name in ("out.csv", "out.face1.csv"))
     assert len(first) == COUNT
     assert 10 < len(second) < COUNT
     assert [track.metadata["complete"] for track in (first, second)] == [False, False]

@@ -84,7 +84,9 @@ Face = Annotated[
 ]
 Faces = Annotated[
     int,
-    typer.Option(min=1, metavar="N", help="Track up to so many faces, the further ones into NAME-1.csv, NAME-2.csv .."),
+    typer.Option(
+        min=1, metavar="N", help="Track up to so many faces, the further ones into NAME.face1.csv, NAME.face2.csv .."
+    ),
 ]
 Preset = Annotated[str, typer.Option(help="The tracker.")]
 Passes = Annotated[

@@ -122,8 +122,8 @@ def track_faces(
     """Track the faces of a video file or a folder of images, so many at most, in the order in which they appear, of
     those that appear together the largest first.
 
-    The rest is as of `mien.track`, but that the first face has NAME.csv and its plot, the second NAME-1.csv, and so on;
-    `overlay` shows all of them. NAME.json says how many there are; until the last is done, that it is not complete.
+    The rest is as of `mien.track`, but that the first face has NAME.csv and its plot, the second NAME.face1.csv, and so
+    on; `overlay` shows all of them. NAME.json says how many there are; until the last is done, that it is not complete.
     Each track has a row for every frame, and no face where a track that is more certain has it.
 
     Raises MienError for bad input, and where no face detector is installed or no face is found.

@@ -49,11 +49,11 @@ class Destination:
             require_writable(path)
 
     def of_face(self, face_id: int) -> Destination:
-        """Where a further face goes: NAME-1.csv, with a plot of its own; it is drawn into the first one's overlay."""
+        """Where a further face goes: NAME.face1.csv, with a plot of its own; the first one's overlay shows it, too."""
         if face_id == 0:
             return self
         table, plot = (
-            path and path.with_name(f"{path.stem}-{face_id}{path.suffix}") for path in (self.table, self.plot)
+            path and path.with_name(f"{path.stem}.face{face_id}{path.suffix}") for path in (self.table, self.plot)
         )
         return Destination(table, None, plot)
 
