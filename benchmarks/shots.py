@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import tempfile
 import warnings
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +61,8 @@ def main() -> None:
     pictures, whose = film(people)
     with tempfile.TemporaryDirectory() as folder:
         write_film(Path(folder) / "shots.avi", pictures)
+        for name, of_one in people.items():
+            write_film(Path(folder) / f"{name}.avi", of_one[: len(pictures) // len(people)])
         tracks = mien.track_faces(Path(folder) / "shots.avi", 2 * len(people), camera=CAMERA)
         print(f"{len(pictures) // SHOT} shots of {len(people)} people: {len(tracks)} faces")
         print("| person | frames | face | has of them | of others' | degrees | alone |", "|---" * 7 + "|", sep="\n")
@@ -70,14 +71,15 @@ def main() -> None:
             sure = [track.confidence > SURE for track in tracks]
             face = int(np.argmax([np.count_nonzero(there & own) for there in sure]))
             wrong = np.count_nonzero(sure[face] & ~own)
-            alone = Path(folder) / f"{name}.avi"
-            write_film(alone, islice(people[name], int(own.sum())))
             truth = sequences[name].read_truth(len(people[name])).rotations
             assert truth is not None
             true = truth[: own.sum()] @ FACING
             errors = (
                 np.nanmean(apart_deg(true, rotations(track)[rows]))
-                for track, rows in ((tracks[face], own), (mien.track(alone, camera=CAMERA), slice(None)))
+                for track, rows in (
+                    (tracks[face], own),
+                    (mien.track(Path(folder) / f"{name}.avi", camera=CAMERA), slice(None)),
+                )
             )
             cells = (
                 name,

@@ -184,6 +184,5 @@ def test_a_face_is_known_where_a_track_has_it() -> None:
     assert not _is_known([_seen(4, 100)], [])
 
 
-@pytest.mark.usefixtures("detector")
-def test_it_is_part_of_mien(video: Path) -> None:
+def test_it_is_part_of_mien() -> None:
     assert mien.track_faces is track_faces

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +23,10 @@ from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, tracked
 from mien.registry import create_tracker
-from mien.start import Start, prepare
-from mien.tracking.scene import numbered_by_shot
+from mien.start import LOOK_EVERY, Start, frames_to_look_at, prepare
 from mien.tracking.state import Estimate, Mask, Tracker
 from mien.video import Frame, Video, expected_count, open_video, select
 
-_LOOK_EVERY = 0.5
-"""Seconds between two looks."""
 _SAME_PLACE, _SAME_SIZE = 0.5, 1.6
 """Distance of two faces' centres, in sizes of the face, and factor of their sizes, below which they are the same."""
 _GAP_SECONDS = 2.0
@@ -169,8 +165,7 @@ def _looks(video: Video, start: float | None, end: float | None) -> Iterator[lis
     """The faces that are seen, twice a second, the largest first."""
     from mien.initialization.detector import everybody
 
-    step = max(1, round(_LOOK_EVERY * video.fps))
-    for cuts, frame in islice(numbered_by_shot(select(video, start, end)), None, None, step):
+    for cuts, frame in frames_to_look_at(video, start, end):
         yield [replace(_seen(face), cuts=cuts) for face in everybody(frame)]
 
 
@@ -214,7 +209,7 @@ def _begin(
     except MienError as error:
         warn(f"{error}; it is left out")
         return None
-    before = begin.since - _LOOK_EVERY - 1 / video.fps
+    before = begin.since - LOOK_EVERY - 1 / video.fps
     return replace(begin, frames=select(video, start, end), since=max(before, start or 0.0), told=0)
 
 

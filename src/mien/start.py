@@ -31,7 +31,7 @@ _SEARCH_SECONDS = 60.0
 """How long a face that does not look into the camera is looked at until it does."""
 _BACK_SECONDS = _LOOK_SECONDS + _SEARCH_SECONDS
 """How far tracking goes back at most."""
-_LOOK_EVERY = 0.5
+LOOK_EVERY = 0.5
 """Seconds between two looks."""
 _LEAST_GAIN = 0.12
 """What a later frame must gain: so much of the error of a track that begins at rest."""
@@ -104,6 +104,12 @@ def not_yet(frame: Frame) -> Estimate:
     return Estimate.lost(frame, "no face was seen yet")
 
 
+def frames_to_look_at(video: Video, start: float | None, end: float | None) -> Iterator[tuple[int, Frame]]:
+    """A frame every half second, from the first on, each with how many cuts there were before it."""
+    step = max(1, round(LOOK_EVERY * video.fps))
+    return islice(numbered_by_shot(select(video, start, end)), None, None, step)
+
+
 def best_look(
     first: Frame, landmarks: Landmarks, camera: Camera, video: Video, end: float | None = None
 ) -> tuple[Frame, Landmarks]:
@@ -111,9 +117,8 @@ def best_look(
     there is a cut, after which another face may be at the same place."""
     from mien.initialization.detector import follow, refine
 
-    step = max(1, round(_LOOK_EVERY * video.fps))
-    uncut = takewhile(lambda shot: shot[0] == 0, numbered_by_shot(select(video, first.time, end)))
-    later = (frame for _, frame in islice(uncut, step, None, step))
+    uncut = takewhile(lambda shot: shot[0] == 0, frames_to_look_at(video, first.time, end))
+    later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
     looks, facing = [landmarks], _into_camera(fit)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)

@@ -122,6 +122,11 @@ def estimate_of(row: Mapping[str, Any], landmark_names: tuple[str, ...], mm_per_
         return np.stack(known, axis=1) if len(known) == len(axes) else None
 
     angles, shift, image, camera = values(ROTATION), values(TRANSLATION), points("xy"), points("XYZ")
+    landmarks = None
+    if image is not None:
+        visibility = values([f"visibility_{i}" for i in range(len(landmark_names))])
+        camera = None if camera is None else camera / mm_per_unit
+        landmarks = TrackedLandmarks(landmark_names, image, camera, visibility)
     closed, closed_sd = row.get(EYES_CLOSED), row.get(EYES_CLOSED_SD)
     return Estimate(
         index,
@@ -130,14 +135,7 @@ def estimate_of(row: Mapping[str, Any], landmark_names: tuple[str, ...], mm_per_
         rotation=None if angles is None else matrix_from_euler(angles) @ FACING,
         translation=None if shift is None else shift / mm_per_unit,
         animation=values(TRACKED_UNITS),
-        landmarks=None
-        if image is None
-        else TrackedLandmarks(
-            landmark_names,
-            image,
-            None if camera is None else camera / mm_per_unit,
-            values([f"visibility_{i}" for i in range(len(landmark_names))]),
-        ),
+        landmarks=landmarks,
         confidence=float(row["confidence"]),
         mm_per_unit=mm_per_unit,
         closing=None if closed is None or closed_sd is None else Closing(closed, closed_sd),

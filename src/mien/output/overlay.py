@@ -66,7 +66,8 @@ def draw(frame: Frame, faces: Iterable[Shown], camera: Camera) -> Pixels:
             _draw_mesh(canvas, mesh, camera, scale)
         if estimate.landmarks is not None:
             _draw_landmarks(canvas, estimate.landmarks, scale)
-            _draw_name(canvas, face.name, estimate.landmarks.image * scale)
+            if face.name:
+                _draw_name(canvas, face.name, estimate.landmarks.image * scale)
         _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
     for face in reversed(shown[:_MOST_LINES]):
         caption = f"{face.name}  {_caption(face.estimate)}".strip()
@@ -247,7 +248,7 @@ def _caption(estimate: Estimate) -> str:
 def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
     """What a face is called, above its landmarks (n, 2)."""
     place = points[:, 0].mean(), points[:, 1].min() - 0.6 * np.ptp(points[:, 1])
-    if name and np.isfinite(place).all():
+    if np.isfinite(place).all():
         (width, _), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
         corner = int(place[0] - width / 2), int(place[1])
         for colour, thickness in (((20, 30, 40), 5), (TEXT, 2)):
