@@ -33,10 +33,13 @@ OPENCV_BLUR = 1.52
 """Standard deviation of the Gaussian, in pixels, with which OpenCV prepares an image for its first octave."""
 
 
-def orientation_maps(gray: Float32, cell: int) -> Float32:
-    """Gradient magnitude by orientation, smoothed by a triangle of half width `cell`: (H, W) -> (H, W, 8)."""
+def orientation_maps(gray: Float32, cell: int, angle: float = 0.0) -> Float32:
+    """Gradient magnitude by orientation, smoothed by a triangle of half width `cell`: (H, W) -> (H, W, 8).
+
+    angle: direction in radians, from the u axis to the v axis, from which orientations are counted, up to half a turn.
+    """
     maps = np.zeros((*gray.shape, ORIENTATIONS), np.float32)
-    _gradients(gray, maps)
+    _gradients(gray, angle, maps)
     smooth, length = np.empty_like(maps), maps[0].size
     triangle = np.arange(cell, 0, -1, dtype=np.float32) / cell**2
     nothing = np.zeros(length, np.float32), np.zeros(length + 2 * ORIENTATIONS * (cell - 1), np.float32)
@@ -44,10 +47,13 @@ def orientation_maps(gray: Float32, cell: int) -> Float32:
     return smooth
 
 
-def describe(maps: Float32, points: Array, cell: int, root: float = 0.0) -> Float32:
-    """Descriptors of unit length (n, 128) at image points (n, 2)."""
+def describe(
+    maps: Float32, points: Array, cell: int, root: float = 0.0, angle: float = 0.0, scale: float = 1.0
+) -> Float32:
+    """Descriptors of unit length (n, 128) at image points (n, 2). angle: that for which the maps were made; scale: of
+    the grid, beside the cell that they were smoothed for."""
     out = np.empty((len(points), LENGTH), np.float32)
-    _describe(maps, points, cell, root, out, None)
+    _describe(maps, points, (cell, root, angle, scale), out, None)
     return out
 
 
@@ -55,7 +61,7 @@ def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float 
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    _describe(maps, points, cell, root, out, J)
+    _describe(maps, points, (cell, root, 0.0, 1.0), out, J)
     return out, J
 
 
@@ -80,9 +86,10 @@ def _to_kernel_order(descriptors: Float32) -> Float32:
 
 
 @kernel()
-def _gradients(gray: Any, maps: Any) -> None:
-    """Magnitude of the gradient, split between the two nearest of eight orientations."""
+def _gradients(gray: Any, angle_from: float, maps: Any) -> None:
+    """Magnitude of the gradient, split between the two nearest of eight orientations, from an angle on."""
     height, width = gray.shape
+    turned = np.float32(8.0 - angle_from / (0.25 * np.pi))  # in units of 45 degrees, and positive
     angles, magnitudes = np.empty(width, np.float32), np.empty(width, np.float32)
     one, c0, c1, c2 = np.float32(1.0), np.float32(0.2765881), np.float32(0.2582636), np.float32(0.1778958)
     for y in range(1, height - 1):
@@ -95,7 +102,7 @@ def _gradients(gray: Any, maps: Any) -> None:
             angle = r * (one + (one - r) * (c0 + r * (c1 - c2 * r)))
             angle = np.float32(2.0) - angle if ay > ax else angle
             angle = np.float32(4.0) - angle if gx < 0 else angle
-            angles[x] = np.float32(8.0) - angle if gy < 0 else angle
+            angles[x] = (np.float32(8.0) - angle if gy < 0 else angle) + turned
             magnitudes[x] = np.sqrt(gx * gx + gy * gy)
         for x in range(1, width - 1):
             k = int(angles[x])
@@ -139,14 +146,18 @@ def _cell_weight(i: int, j: int) -> Any:
 
 
 @kernel()
-def _describe(maps: Any, points: Any, cell: int, root: float, out: Any, J: Any) -> None:
-    """Descriptors (n, 128) into out; J (n, 2, 128), or None where it is not wanted, takes their derivative."""
+def _describe(maps: Any, points: Any, reading: Any, out: Any, J: Any) -> None:
+    """Descriptors (n, 128) into out; J (n, 2, 128), or None where it is not wanted, takes their derivative. reading:
+    cell, root, angle and scale as `describe`'s."""
     height, width = maps.shape[0], maps.shape[1]
+    cell, root, angle, scale = reading
+    along, across = cell * scale * np.cos(angle), cell * scale * np.sin(angle)
     for n in range(points.shape[0]):
         for i in range(4):
             for j in range(4):
-                x = min(max(points[n, 0] + (j - 1.5) * cell, 0.0), width - 1.001)
-                y = min(max(points[n, 1] + (i - 1.5) * cell, 0.0), height - 1.001)
+                x = points[n, 0] + along * (j - 1.5) - across * (i - 1.5)
+                y = points[n, 1] + across * (j - 1.5) + along * (i - 1.5)
+                x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
                 ix, iy = int(x), int(y)
                 fx, fy = np.float32(x - ix), np.float32(y - iy)
                 w = _cell_weight(i, j)

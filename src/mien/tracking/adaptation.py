@@ -14,10 +14,12 @@ grimace, that is learned.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from mien.appearance.descriptors import Float32
+from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.tracking.state import Mask
@@ -47,11 +49,8 @@ class Adaptation:
         """(n, 128) at a tilt and pan (2,)."""
         if not self.begun:
             return self.nothing
-        turn = (angles - self.first).astype(np.float32)
-        offset = turn @ self.slope
-        for k, weight in self._near(angles):
-            offset += weight * self.views[k]
-        return np.asarray(offset.reshape(self.nothing.shape))
+        offset: Float32 = _offset(angles - self.first, self.slope, self.views, self._near(angles))
+        return offset.reshape(self.nothing.shape)
 
     def share(self, angles: Array) -> Array:
         """(n,) how far the look of each landmark at a tilt and pan (2,) is learned here: 0 where it is the first
@@ -85,7 +84,7 @@ class Adaptation:
             self.views[k] += step * weight * change.ravel()
             self.learned[k] += step * weight * missing
 
-    def _near(self, angles: Array) -> list[tuple[int, float]]:
+    def _near(self, angles: Array) -> tuple[tuple[int, float], ...]:
         """The four views about a tilt and pan (2,), and what each counts there: bilinear between them, and the less the
         nearer the first frame's view is."""
         tilt, pan = (angles - self.first).tolist()
@@ -93,12 +92,26 @@ class Adaptation:
         row, down = _place(tilt, _TILTS)
         column, right = _place(pan, _PANS)
         k = row * _PANS + column
-        return [
+        return (
             (k, away * (1 - down) * (1 - right)),
             (k + 1, away * (1 - down) * right),
             (k + _PANS, away * down * (1 - right)),
             (k + _PANS + 1, away * down * right),
-        ]
+        )
+
+
+@kernel()
+def _offset(turn: Any, slope: Any, views: Any, near: Any) -> Any:
+    """slope (2, m) times a turn (2,), and of the views (v, m) what those that are near count."""
+    offset = np.empty(slope.shape[1], np.float32)
+    by_tilt, by_pan = np.float32(turn[0]), np.float32(turn[1])
+    for i in range(offset.size):
+        offset[i] = by_tilt * slope[0, i] + by_pan * slope[1, i]
+    for k, weight in near:
+        view, share = views[k], np.float32(weight)
+        for i in range(offset.size):
+            offset[i] += share * view[i]
+    return offset
 
 
 def _place(angle: float, count: int) -> tuple[int, float]:

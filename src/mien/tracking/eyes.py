@@ -11,11 +11,12 @@ drawn as well, and may explain a part.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from mien.appearance.descriptors import Float32
-from mien.geometry.rotation import Array
+from mien.compiled import kernel
 from mien.tracking.state import Closing, Mask
 
 _WAY = np.linspace(0, 1.5, 31)
@@ -38,7 +39,6 @@ _LEAST_CHANGE = 0.01
 _HALF, _BEYOND = np.minimum(2 * _WAY, 1.0), np.maximum(2 * _WAY - 1, 0.0)
 _BESIDE = np.stack([np.ones(len(_WAY)), _BEYOND - _HALF, -_BEYOND], axis=1)
 """(31, 3): what is seen, less half closed and shut eyes by their shares, is what lies beside each place."""
-_PAIRS = (_BESIDE[:, :, None] * _BESIDE[:, None, :]).reshape(len(_WAY), -1)
 _OPEN = np.exp(-0.5 * (_WAY / _OPEN_SD) ** 2)
 _OPEN /= _OPEN.sum()
 _CLOSED = np.minimum(_WAY / _SHUT, 1.0)
@@ -51,30 +51,67 @@ def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing 
     that which are half closed, shut, look to one side, and to the other; seen (n,): landmarks that face the camera;
     before: how far they had closed in the last frame.
     """
-    looks = np.concatenate([residual[None], changes])[:, seen].reshape(5, -1)
-    products = (looks @ looks.T).astype(np.float64)
+    products = _products(residual, changes, seen)
     if products[2, 2] < _LEAST_CHANGE:
         return None
-    ahead = _log_likelihood(products[:3, :3])
-    beside = _log_likelihood(_without_glances(products))
-    most = max(ahead.max(), beside.max())
-    closing = _BEGINS + (_LASTS - _BEGINS) * (before.share if before else 0.0)
-    prior = (1 - closing) * _OPEN + closing / len(_WAY)
-    probability = prior * (np.exp(ahead - most) + _ASIDE * np.exp(beside - most))
-    probability /= probability.sum()
-    share = float(probability @ _CLOSED)
-    variance = float(probability @ np.square(_CLOSED - share))
+    share, variance = _place(products, before.share if before else 0.0)
     return Closing(share, math.sqrt(variance + _LEAST_SD**2 + (_SHARE_SD * share) ** 2))
 
 
-def _log_likelihood(products: Array) -> Array:
-    """(31,) of each place, from the products (3, 3) of what is seen and of the looks of half closed and shut eyes."""
-    distance = _PAIRS @ products.ravel()
-    return np.asarray(-0.5 * _DIMENSIONS * np.log(np.maximum(distance, 1e-6)))
+@kernel()
+def _products(residual: Any, changes: Any, seen: Any) -> Any:
+    """Products (5, 5) of the looks with each other: what is seen, and the four that are known."""
+    products = np.zeros((5, 5))
+    for i in range(seen.size):
+        if not seen[i]:
+            continue
+        for a in range(5):
+            first = residual[i] if a == 0 else changes[a - 1, i]
+            for b in range(a, 5):
+                second = residual[i] if b == 0 else changes[b - 1, i]
+                s = np.float32(0.0)
+                for c in range(first.size):
+                    s += first[c] * second[c]
+                products[a, b] += s
+                products[b, a] = products[a, b]
+    return products
 
 
-def _without_glances(products: Array) -> Array:
-    """Products (3, 3) of those looks less what the glances explain of them, by any amount: of (5, 5) with theirs."""
+@kernel()
+def _place(products: Any, before: float) -> Any:
+    """Mean and variance of how far the eyes have closed, from those products (5, 5) and how far they had before."""
+    # What glances explain of the looks, by any amount, is taken off; where both look alike there is no inverse.
     a, b, c = products[3, 3] + 1e-9, products[3, 4], products[4, 4] + 1e-9
-    inverse = np.array([[c, -b], [-b, a]]) / (1.002 * a * c - b * b)  # where both glances look alike it has none
-    return np.asarray(products[:3, :3] - products[:3, 3:] @ inverse @ products[3:, :3])
+    determinant = 1.002 * a * c - b * b
+    without = np.empty((3, 3))
+    for i in range(3):
+        left, right = products[i, 3], products[i, 4]
+        for j in range(3):
+            explained = products[3, j] * (c * left - b * right) + products[4, j] * (a * right - b * left)
+            without[i, j] = products[i, j] - explained / determinant
+    n = _WAY.size
+    ahead, beside = np.empty(n), np.empty(n)  # log-likelihood of each place
+    most = -np.inf
+    for k in range(n):
+        ahead[k], beside[k] = _log_likelihood(_BESIDE[k], products), _log_likelihood(_BESIDE[k], without)
+        most = max(most, ahead[k], beside[k])
+    closing = _BEGINS + (_LASTS - _BEGINS) * before
+    total, mean, square = 0.0, 0.0, 0.0
+    for k in range(n):
+        prior = (1 - closing) * _OPEN[k] + closing / n
+        probability = prior * (np.exp(ahead[k] - most) + _ASIDE * np.exp(beside[k] - most))
+        total += probability
+        mean += probability * _CLOSED[k]
+        square += probability * _CLOSED[k] * _CLOSED[k]
+    mean /= total
+    return mean, max(square / total - mean * mean, 0.0)
+
+
+@kernel()
+def _log_likelihood(beside: Any, products: Any) -> Any:
+    """Of a place on the way, beside which lies what `beside` (3,) combines of the looks with these products."""
+    squared = 0.0
+    for i in range(3):
+        for j in range(3):
+            squared += beside[i] * beside[j] * products[i, j]
+    return -0.5 * _DIMENSIONS * np.log(max(squared, 1e-6))

@@ -37,13 +37,14 @@ _PERSON = types.Tuple((_array(2), _array(3)))
 _VIEW = types.Tuple((_array(1), _array(2), _array(1), _array(2)))
 _PRIOR = types.Tuple((*_POSE, _array(2), _array(1), _array(1)))
 _APPEARANCE = types.Tuple((_single(3), _single(2), _single(3), _single(2), _single(1), _array(1), _array(2)))
+_READING = types.Tuple((types.int64, *[types.float64] * 3))
 _ROOM = types.Tuple((_single(3), *(_array(k) for k in (4, 3, 2, 4, 2, 3, 2))))
 _TEMPLATE = types.Tuple((_single(2), _array(1), _single(3), _array(3), _array(3)))
 
 Kernel = tuple[Any, tuple[Any, ...]]
 SOLVE: Kernel = (
     kernels.solve,
-    (*_POSE, _single(3), types.int64, types.float64, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW,
+    (*_POSE, _single(3), _READING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW,
      types.int64, types.float64, _ROOM),
 )  # fmt: skip
 TAKE_PATCHES: Kernel = motion.take_patches, (_single(2), _PERSON, _array(3), types.Tuple(_POSE), _VIEW)

@@ -35,6 +35,16 @@ def view_angles(M: Any) -> Any:
 
 
 @kernel()
+def angles_along(ray: Any, R: Any) -> Any:
+    """`view_angles` of a head with rotation R (3, 3) that is seen along a ray, given by the rotation (3, 3) from the
+    optical axis to it."""
+    M = transposed_product(ray, R)
+    for r in range(3):  # times FACING
+        M[r, 1], M[r, 2] = -M[r, 1], -M[r, 2]
+    return view_angles(M)
+
+
+@kernel()
 def polynomial(tilt: float, pan: float, limit: Any) -> Any:
     """Terms (3, 15) of the quartic in tilt and pan (radians), and their two derivatives; constant past the limits of
     both (2,)."""
@@ -141,7 +151,7 @@ def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
 
 @kernel()
 def linearize_landmarks(
-    maps: Any, cell: int, root: float, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
+    maps: Any, reading: Any, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
     inverse_floor: Any, active: Any, y: Any, M: Any, g: Any, d2: Any,
 ) -> None:  # fmt: skip
     """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
@@ -156,7 +166,7 @@ def linearize_landmarks(
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        _describe(maps, q[i : i + 1], cell, root, y[i : i + 1], J)
+        _describe(maps, q[i : i + 1], reading, y[i : i + 1], J)
         for c in range(128):
             D[0, c] = y[i, c] - delta[i, c]
             D[1, c] = J[0, 0, c]
@@ -336,7 +346,7 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
 
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
 def evaluate(
-    R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
+    R: Any, t: Any, a: Any, maps: Any, reading: Any, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
 ) -> Any:  # fmt: skip
     """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
@@ -347,17 +357,13 @@ def evaluate(
     coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
     ray = view[3]
     q, J = project(person, R, t, a, view)
-    # FACING as a product of columns: R_camera_head @ diag(1, -1, -1).
-    V = transposed_product(ray, R)
-    for r in range(3):
-        V[r, 1], V[r, 2] = -V[r, 1], -V[r, 2]
-    tilt, pan, by_ray = view_angles(V)
+    tilt, pan, by_ray = angles_along(ray, R)
     J_angles = np.empty((2, 3))  # by a rotation vector in camera axes
     for k in range(2):
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
     terms = polynomial(tilt, pan, limit)
-    linearize_landmarks(maps, cell, root, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
+    linearize_landmarks(maps, reading, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
     energy = add_prior(R, t, a, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
@@ -389,7 +395,7 @@ def room_for(n: int) -> tuple[NDArray[Any], ...]:
 
 @kernel()
 def solve(
-    R: Any, t: Any, a: Any, maps: Any, cell: int, root: float, person: Any, appearance: Any, active: Any, scale: Any,
+    R: Any, t: Any, a: Any, maps: Any, reading: Any, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, iterations: int, tolerance: float, room: Any,
 ) -> Any:  # fmt: skip
     """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. room: see `room_for`.
@@ -405,7 +411,7 @@ def solve(
     evaluations = 0
     while evaluations < iterations:
         energy = evaluate(
-            R, t, a, maps, cell, root, person, appearance, active, scale, prior, view,
+            R, t, a, maps, reading, person, appearance, active, scale, prior, view,
             y[free], M[free], g[free], d2[free], B[free], w[free], H[free], G[free],
         )  # fmt: skip
         evaluations += 1

@@ -24,6 +24,7 @@ from mien.candide.model import TRACKED_UNITS
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
+from mien.tracking.definite import inverse_definite
 from mien.tracking.kernels import STATE, add_prior, differentiate, extend, place, rotate, solve_positive, turn_units
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
@@ -90,7 +91,7 @@ class Motion:
             image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
             s.motion_iterations, s.tolerance,
         )  # fmt: skip
-        return (R, t, a), np.linalg.inv(information / s.motion_noise + prior[3])
+        return (R, t, a), inverse_definite(information / s.motion_noise + prior[3])
 
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""

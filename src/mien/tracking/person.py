@@ -64,6 +64,7 @@ class Person:
         self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
         brows = np.array(["brow" in name for name in TRACKED])
         self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
+        self.closing_eyes = np.ascontiguousarray(face.fine.eyes[:, self.eyes])
         self.shape = deepcopy(known_shape) or ShapePosterior(
             face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s
         )
@@ -96,7 +97,7 @@ class Person:
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed. before: the same of the last frame."""
         eyes = self.eyes
-        return closing_of(self.residual(solution, eyes), self.face.fine.eyes[:, eyes], solution.facing[eyes], before)
+        return closing_of(self.residual(solution, eyes), self.closing_eyes, solution.facing[eyes], before)
 
     def adapted(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""

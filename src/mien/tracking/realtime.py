@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from mien.appearance.crop import is_blank
-from mien.appearance.views import CENTRE, roll_of
 from mien.candide.model import Candide, closed_lids, with_eyes_closed
 from mien.config import RealtimeSettings
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, ray_rotation
+from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels
+from mien.tracking.definite import inverse_definite, solve_definite
 from mien.tracking.first_run import compiled_beside
 from mien.tracking.learning import Level
 from mien.tracking.motion import JAW_DROP, LOOK_BACK, Motion
@@ -235,7 +235,7 @@ class RealtimeTracker:
         sd[6 + JAW_DROP] = s.prior_jaw
         inertia = np.diag(1 / sd**2)
         information = found.H / frame_variance(found.d2[seen], share)
-        back = np.linalg.solve(information + inertia, inertia @ predicted.step_to(found.pose))
+        back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
         return replace(found, pose=found.pose.moved(-back))
 
     def _move(self, view: View, predicted: Prediction) -> Prediction:
@@ -244,7 +244,7 @@ class RealtimeTracker:
         arrays, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*arrays)
         drift = self.motion.drift(self.pose.step_to(pose))
-        return Prediction(pose, np.linalg.inv(self.spread + covariance + np.diag(drift)))
+        return Prediction(pose, inverse_definite(self.spread + covariance + np.diag(drift)))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Keep what the next frame's motion is measured from, and what surrounds it; returns how well the patches agree
@@ -281,11 +281,12 @@ class RealtimeTracker:
     def _fine(
         self, frame: Frame, predicted: Prediction, start: Pose | None = None, view: View | None = None
     ) -> tuple[View, Solution]:
-        """The best solution near a pose (the predicted one) at full resolution. A crop whose roll or size is not the
-        face's changes the descriptors and so the pose: where a view is off, look again from where the face is."""
+        """The best solution near a pose (the predicted one) at full resolution, with descriptors that are upright
+        there. Where the crop is far from upright, or from the face's size, look again from where the face is."""
         start = start or predicted.pose
         if view is None or not self._is_upright(view, start):
             view = self._look(self.face.fine, frame, start)
+        view = replace(view, upright=start)
         solution = self._solve(view, start, predicted)
         if not self._is_upright(view, solution.pose):
             view = self._look(self.face.fine, frame, solution.pose)
@@ -293,22 +294,21 @@ class RealtimeTracker:
         return view, solution
 
     def _is_upright(self, view: View, pose: Pose) -> bool:
-        """Whether the face at a pose has the roll and the size for which the view's crop was made."""
-        s = self.settings
-        rolled = math.degrees(abs(math.remainder(roll_of(pose.R) - view.crop.angle, math.tau)))
-        return bool(rolled <= s.crop_roll_deg and abs(pose.t[2] / view.pose.t[2] - 1) <= s.crop_scale)
+        """Whether the face at a pose has nearly the roll and the size for which the view's crop was made."""
+        roll, scale = view.leaning(pose)
+        return abs(math.degrees(roll)) <= self.settings.crop_roll_deg and abs(scale - 1) <= self.settings.crop_scale
 
     def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
         crop = level.crop(pose.R, pose.t, self.camera)
         image = crop.sample(frame.pixels, level.descriptor.blur)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
-        geometry = (self.camera_vector, crop.linear, offset, ray_rotation(pose.R @ CENTRE + pose.t))
+        geometry = (self.camera_vector, crop.linear, offset, pose.ray)
         facing = kernels.visible(
             self.person.posed(pose), self.face.normals, pose.arrays[0], self.camera_vector, frame.width, frame.height,
             self.settings.hidden_cosine,
         )  # fmt: skip
-        return View(level, pose, crop, image, geometry, facing & (not is_blank(image)))
+        return View(level, pose, pose, crop, image, geometry, facing & (not is_blank(image)))
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""
@@ -331,14 +331,13 @@ class RealtimeTracker:
 
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
-        person, appearance = self.person, view.level.appearance
+        person, level, appearance = self.person, view.level, view.level.appearance
         return PosePosterior(
             maps=view.maps,
-            cell=view.level.descriptor.cell,
-            root=view.level.descriptor.root,
+            reading=view.reading,
             person=person.arrays,
-            appearance=(appearance.coefficients, person.adapted(view.level, view.pose), appearance.U, appearance.gain,
-                        appearance.inverse_floor, appearance.limit, person.misplaced(view.level, self.pose.animation)),
+            appearance=(appearance.coefficients, person.adapted(level, view.upright), appearance.U, appearance.gain,
+                        appearance.inverse_floor, appearance.limit, person.misplaced(level, self.pose.animation)),
             active=view.facing.astype(np.float64),
             scale=person.tolerance * person.expected,
             prior=self._prior(predicted),

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
+from mien.tracking.definite import solve_definite
 from mien.tracking.state import Mask
 
 _STEEPEST = 6.0
@@ -62,8 +62,7 @@ class ShapePosterior:
     def _solve(self) -> None:
         """Find `mean` and `relief_sd`."""
         asked = np.stack([self.vector, self.deeper], axis=1)
-        _, found, failed = dposv(self.information.T, asked)  # symmetric: its transpose is in the order of LAPACK
-        assert not failed, "the information of the shape is positive definite"
+        found = solve_definite(self.information, asked)
         self.relief_sd = math.sqrt(self.deeper @ found[:, 1]) / float(self.deeper @ self.deeper)
         self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
 
@@ -85,7 +84,7 @@ def shape_information(B: Array, M: Array, g: Array, weight: Array, R: Array, reg
     # A landmark's own place moves it as the translation does, but in head axes; the angles are moved by neither.
     pose = H.sum(axis=0) + np.diag(regularizer)
     both = (np.swapaxes(H[:, :, 3:6], 0, 1).reshape(-1, 3) @ R).reshape(-1, 3 * n)
-    A = np.linalg.inv(pose) @ both
+    A = solve_definite(pose, both)
     Lambda = both.T @ -A
     own = np.arange(n)
     Lambda.reshape(n, 3, n, 3)[own, :, own, :] += R.T @ H[:, 3:6, 3:6] @ R

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,10 +10,11 @@ import numpy as np
 
 from mien.appearance.crop import Crop
 from mien.appearance.descriptors import Float32, orientation_maps
-from mien.appearance.views import CENTRE
-from mien.geometry.rotation import FACING, Array, ray_rotation
+from mien.appearance.views import CENTRE, roll_of
+from mien.geometry.rotation import Array, ray_rotation
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking import kernels
+from mien.tracking.definite import inverse_definite
 from mien.tracking.learning import Level
 from mien.tracking.state import Mask
 
@@ -37,10 +39,14 @@ class Pose:
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     @cached_property
+    def ray(self) -> Array:
+        """(3, 3) rotation from the optical axis to the middle of the face."""
+        return ray_rotation(self.R @ CENTRE + self.t)
+
+    @cached_property
     def angles(self) -> Array:
         """(2,) tilt and pan in radians, as the camera sees them: of `kernels.view_angles`."""
-        tilt, pan, _ = kernels.view_angles(ray_rotation(self.R @ CENTRE + self.t).T @ self.R @ FACING)
-        return np.array([tilt, pan])
+        return np.array(kernels.angles_along(self.ray, self.arrays[0])[:2])
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
@@ -59,10 +65,11 @@ class Prediction:
 @dataclass(frozen=True)
 class View:
     """A frame prepared for `kernels.solve`: the grey image of the crop for a pose, its geometry, landmarks that can
-    be seen."""
+    be seen. upright: the pose for which descriptors are read upright and in its size."""
 
     level: Level
     pose: Pose
+    upright: Pose
     crop: Crop
     image: Float32
     geometry: tuple[Array, ...]
@@ -71,7 +78,18 @@ class View:
     @cached_property
     def maps(self) -> Float32:
         """Orientation maps of the crop."""
-        return orientation_maps(self.image, self.level.descriptor.cell)
+        return orientation_maps(self.image, self.level.descriptor.cell, self.leaning(self.upright)[0])
+
+    @property
+    def reading(self) -> tuple[int, float, float, float]:
+        """How descriptors are read from the maps, as the kernels take it."""
+        descriptor = self.level.descriptor
+        return descriptor.cell, descriptor.root, *self.leaning(self.upright)
+
+    def leaning(self, pose: Pose) -> tuple[float, float]:
+        """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at that for which the crop was made."""
+        roll = math.remainder(roll_of(pose.R) - self.crop.angle, math.tau)
+        return roll, float(self.pose.t[2] / pose.t[2])
 
 
 @dataclass(frozen=True)
@@ -92,7 +110,7 @@ class Solution:
     @cached_property
     def spread(self) -> Array:
         """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
-        return np.linalg.inv(self.H)
+        return inverse_definite(self.H)
 
     def misfit(self, expected: Array) -> float:
         """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
