@@ -16,6 +16,7 @@ A point's keypoint size in OpenCV's terms is `cell * 2 / 3`: a cell is 3 sizes /
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
@@ -38,13 +39,15 @@ def orientation_maps(gray: Float32, cell: int, angle: float = 0.0) -> Float32:
 
     angle: direction in radians, from the u axis to the v axis, from which orientations are counted, up to half a turn.
     """
-    maps = np.zeros((*gray.shape, ORIENTATIONS), np.float32)
-    _gradients(gray, angle, maps)
-    smooth, length = np.empty_like(maps), maps[0].size
-    triangle = np.arange(cell, 0, -1, dtype=np.float32) / cell**2
-    nothing = np.zeros(length, np.float32), np.zeros(length + 2 * ORIENTATIONS * (cell - 1), np.float32)
-    _smooth(maps.reshape(-1, length), triangle, *nothing, smooth)
-    return smooth
+    height, width = gray.shape
+    length = width * ORIENTATIONS
+    triangle = np.arange(cell, -1, -1, dtype=np.float32) / cell**2
+    turned = 8.0 - angle / (0.25 * math.pi)  # in units of 45 degrees, and positive
+    maps = np.empty((height, width, ORIENTATIONS), np.float32)
+    rows = np.zeros((2 * cell - 1, length), np.float32)
+    row = np.zeros(length + 2 * cell * ORIENTATIONS, np.float32)
+    _orientation_maps(gray, turned, triangle, rows, row, maps.reshape(height, length))
+    return maps
 
 
 def describe(
@@ -86,57 +89,80 @@ def _to_kernel_order(descriptors: Float32) -> Float32:
 
 
 @kernel()
-def _gradients(gray: Any, angle_from: float, maps: Any) -> None:
-    """Magnitude of the gradient, split between the two nearest of eight orientations, from an angle on."""
-    height, width = gray.shape
-    turned = np.float32(8.0 - angle_from / (0.25 * np.pi))  # in units of 45 degrees, and positive
-    angles, magnitudes = np.empty(width, np.float32), np.empty(width, np.float32)
-    one, c0, c1, c2 = np.float32(1.0), np.float32(0.2765881), np.float32(0.2582636), np.float32(0.1778958)
-    for y in range(1, height - 1):
-        for x in range(1, width - 1):  # without branches, so that it runs several pixels at a time
-            gx = gray[y, x + 1] - gray[y, x - 1]
-            gy = gray[y + 1, x] - gray[y - 1, x]
-            ax, ay = abs(gx), abs(gy)
-            r = min(ax, ay) / (max(ax, ay) + np.float32(1e-9))
-            # atan(r) in units of 45 degrees, by a polynomial that is right to 0.01 degrees.
-            angle = r * (one + (one - r) * (c0 + r * (c1 - c2 * r)))
-            angle = np.float32(2.0) - angle if ay > ax else angle
-            angle = np.float32(4.0) - angle if gx < 0 else angle
-            angles[x] = (np.float32(8.0) - angle if gy < 0 else angle) + turned
-            magnitudes[x] = np.sqrt(gx * gx + gy * gy)
-        for x in range(1, width - 1):
-            k = int(angles[x])
-            f = angles[x] - np.float32(k)
-            maps[y, x, k & 7] = magnitudes[x] * (one - f)
-            maps[y, x, (k + 1) & 7] = magnitudes[x] * f
+def _orientation_maps(gray: Any, turned: float, triangle: Any, rows: Any, row: Any, maps: Any) -> None:
+    """Gradients by orientation, smoothed both ways by a symmetric filter, into maps (H, W * 8). Row by row, so that
+    what is not the result stays in the fastest memory.
+
+    turned: see `_gradients`; triangle: half of the filter, from the middle to the first zero, (cell + 1,); rows
+    (2 cell - 1, W * 8): zeros, room for those that are smoothed into one; row (W * 8 + 16 cell,): zeros, room for that
+    with what is beside it.
+    """
+    height, length = maps.shape
+    cell, kept = triangle.size - 1, rows.shape[0]
+    angles, magnitudes = np.empty(gray.shape[1], np.float32), np.empty(gray.shape[1], np.float32)
+    across = row[8 * cell : 8 * cell + length]
+    for newest in range(height + cell - 1):
+        entries = rows[newest % kept]
+        for i in range(length):
+            entries[i] = 0.0
+        if 0 < newest < height - 1:
+            _gradients(gray[newest - 1 : newest + 2], np.float32(turned), angles, magnitudes, entries)
+        y = newest - cell + 1
+        if y < 0:
+            continue
+        below = y + kept
+        _begin(across, triangle, rows[y % kept], rows[(below - 1) % kept], rows[(y + 1) % kept])
+        for k in range(2, cell, 2):
+            near = rows[(below - k) % kept], rows[(y + k) % kept]
+            far = rows[(below - k - 1) % kept], rows[(y + k + 1) % kept]
+            _add(across, triangle[k:], near, far)
+        _begin(maps[y], triangle, across, row[8 * (cell - 1) :], row[8 * (cell + 1) :])
+        for k in range(2, cell, 2):
+            near = row[8 * (cell - k) :], row[8 * (cell + k) :]
+            far = row[8 * (cell - k - 1) :], row[8 * (cell + k + 1) :]
+            _add(maps[y], triangle[k:], near, far)
 
 
 @kernel()
-def _smooth(maps: Any, triangle: Any, beyond: Any, row: Any, out: Any) -> None:
-    """Both ways by a symmetric filter, of which triangle (cell,) is the half from the middle on: maps (H, W * 8) into
-    out (H, W, 8). Twice as fast as OpenCV's. beyond: the zeros above and below, (W * 8,); row: zeros for a row with
-    what is beside it, (W * 8 + 16 (cell - 1),)."""
-    height, length = maps.shape
-    reach = out.shape[2] * (triangle.size - 1)
-    across = row[reach : reach + length]
-    for y in range(height):
-        here, smooth = maps[y], out[y].reshape(length)
-        for i in range(length):
-            across[i] = triangle[0] * here[i]
-        for k in range(1, triangle.size):
-            _add(across, triangle[k], maps[y - k] if y >= k else beyond, maps[y + k] if y + k < height else beyond)
-        for i in range(length):
-            smooth[i] = triangle[0] * across[i]
-        for k in range(1, triangle.size):
-            shift = out.shape[2] * k
-            _add(smooth, triangle[k], row[reach - shift :], row[reach + shift :])
+def _gradients(gray: Any, turned: Any, angles: Any, magnitudes: Any, entries: Any) -> None:
+    """Magnitude of the gradient in the middle one of three rows (3, W), split between the two nearest of eight
+    orientations: into zeros, entries (W * 8,). turned: what is added to its angle, in units of 45 degrees, positive;
+    angles and magnitudes (W,): room."""
+    above, here, below = gray[0], gray[1], gray[2]
+    one, c0, c1, c2 = np.float32(1.0), np.float32(0.2765881), np.float32(0.2582636), np.float32(0.1778958)
+    for x in range(1, here.size - 1):  # without branches, so that it runs several pixels at a time
+        gx = here[x + 1] - here[x - 1]
+        gy = below[x] - above[x]
+        ax, ay = abs(gx), abs(gy)
+        r = min(ax, ay) / (max(ax, ay) + np.float32(1e-9))
+        # atan(r) in units of 45 degrees, by a polynomial that is right to 0.01 degrees.
+        angle = r * (one + (one - r) * (c0 + r * (c1 - c2 * r)))
+        angle = np.float32(2.0) - angle if ay > ax else angle
+        angle = np.float32(4.0) - angle if gx < 0 else angle
+        angles[x] = (np.float32(8.0) - angle if gy < 0 else angle) + turned
+        magnitudes[x] = np.sqrt(gx * gx + gy * gy)
+    for x in range(1, here.size - 1):
+        k = int(angles[x])
+        f = angles[x] - np.float32(k)
+        entries[8 * x + (k & 7)] = magnitudes[x] * (one - f)
+        entries[8 * x + ((k + 1) & 7)] = magnitudes[x] * f
 
 
 @kernel(inline="always")
-def _add(out: Any, weight: Any, a: Any, b: Any) -> None:
-    """Add to out (m,) a weight times the sum of the first m of a and b."""
+def _begin(out: Any, weights: Any, middle: Any, before: Any, after: Any) -> None:
+    """Set out (m,) to the first m of the middle and of its two neighbours, by two weights."""
+    here, beside = weights[0], weights[1]
     for i in range(out.size):
-        out[i] += weight * (a[i] + b[i])
+        out[i] = here * middle[i] + beside * (before[i] + after[i])
+
+
+@kernel(inline="always")
+def _add(out: Any, weights: Any, near: Any, far: Any) -> None:
+    """Add to out (m,) the first m of two neighbours that are near and two that are further, by two weights."""
+    (a, b), (c, d) = near, far
+    by_near, by_far = weights[0], weights[1]
+    for i in range(out.size):
+        out[i] += by_near * (a[i] + b[i]) + by_far * (c[i] + d[i])
 
 
 @kernel()

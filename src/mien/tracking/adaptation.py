@@ -49,17 +49,17 @@ class Adaptation:
         """(n, 128) at a tilt and pan (2,)."""
         if not self.begun:
             return self.nothing
-        offset: Float32 = _offset(angles - self.first, self.slope, self.views, self._near(angles))
-        return offset.reshape(self.nothing.shape)
+        offset = (angles - self.first).astype(np.float32) @ self.slope
+        _add_near(self._near(angles), self.views, offset)
+        return np.asarray(offset.reshape(self.nothing.shape))
 
-    def share(self, angles: Array) -> Array:
+    def share(self, angles: Array) -> Float32:
         """(n,) how far the look of each landmark at a tilt and pan (2,) is learned here: 0 where it is the first
         frame's, 1 where it is what was seen when the face turned there."""
-        share = np.zeros(len(self.nothing))
+        share = np.zeros(len(self.nothing), np.float32)
         if not self.begun:
             return share
-        for k, weight in self._near(angles):
-            share += weight * self.learned[k]
+        _add_near(self._near(angles), self.learned, share)
         return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
@@ -101,17 +101,12 @@ class Adaptation:
 
 
 @kernel()
-def _offset(turn: Any, slope: Any, views: Any, near: Any) -> Any:
-    """slope (2, m) times a turn (2,), and of the views (v, m) what those that are near count."""
-    offset = np.empty(slope.shape[1], np.float32)
-    by_tilt, by_pan = np.float32(turn[0]), np.float32(turn[1])
-    for i in range(offset.size):
-        offset[i] = by_tilt * slope[0, i] + by_pan * slope[1, i]
+def _add_near(near: Any, views: Any, total: Any) -> None:
+    """Add to total (m,) those of the views (v, m) that are near, by what they count."""
     for k, weight in near:
         view, share = views[k], np.float32(weight)
-        for i in range(offset.size):
-            offset[i] += share * view[i]
-    return offset
+        for i in range(total.size):
+            total[i] += share * view[i]
 
 
 def _place(angle: float, count: int) -> tuple[int, float]:

@@ -162,30 +162,34 @@ def linearize_landmarks(
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
     D = np.empty((5, 128), np.float32)  # residual, then its derivatives by u, v, tilt, pan
+    residual, by_u, by_v, by_tilt, by_pan = D[0], D[1], D[2], D[3], D[4]
     V = np.empty((5, rank), np.float32)
     for i in range(n):
         if active[i] <= 0.0:
             continue
         _describe(maps, q[i : i + 1], reading, y[i : i + 1], J)
         for c in range(128):
-            D[0, c] = y[i, c] - delta[i, c]
-            D[1, c] = J[0, 0, c]
-            D[2, c] = J[0, 1, c]
-            D[3, c] = 0.0
-            D[4, c] = 0.0
-        for p in range(POLYNOMIAL_TERMS):
-            w0, w1, w2 = terms[0, p], terms[1, p], terms[2, p]
+            residual[c] = y[i, c] - delta[i, c]
+            by_u[c] = J[0, 0, c]
+            by_v[c] = J[0, 1, c]
+            by_tilt[c] = 0.0
+            by_pan[c] = 0.0
+        for p in range(0, POLYNOMIAL_TERMS, 3):  # three at a time, as most of the time goes to fetching them
+            first, second, third, T = coefficients[i, p], coefficients[i, p + 1], coefficients[i, p + 2], terms[:, p:]
             for c in range(128):
-                m = coefficients[i, p, c]
-                D[0, c] -= w0 * m
-                D[3, c] -= w1 * m
-                D[4, c] -= w2 * m
+                residual[c] -= T[0, 0] * first[c] + T[0, 1] * second[c] + T[0, 2] * third[c]
+                by_tilt[c] -= T[1, 0] * first[c] + T[1, 1] * second[c] + T[1, 2] * third[c]
+                by_pan[c] -= T[2, 0] * first[c] + T[2, 1] * second[c] + T[2, 2] * third[c]
         for k in range(rank):
-            for a in range(5):
-                s = np.float32(0.0)
-                for c in range(128):
-                    s += U[i, k, c] * D[a, c]
-                V[a, k] = s
+            v0 = v1 = v2 = v3 = v4 = np.float32(0.0)
+            for c in range(128):
+                u = U[i, k, c]
+                v0 += u * residual[c]
+                v1 += u * by_u[c]
+                v2 += u * by_v[c]
+                v3 += u * by_tilt[c]
+                v4 += u * by_pan[c]
+            V[0, k], V[1, k], V[2, k], V[3, k], V[4, k] = v0, v1, v2, v3, v4
         for a in range(5):
             for b in range(a, 5):
                 s = np.float32(0.0)
@@ -232,6 +236,18 @@ def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
             for j in range(4):
                 M[i, j] -= X[k, i] * X[k, j]
     return max(d2, 0.0)
+
+
+@kernel()
+def misplacement(M: Any, g: Any, most: float) -> Any:
+    """Mean square (n,), by axis, of the step in the crop that each landmark alone would take; see `Solution`'s."""
+    out = np.empty(g.shape[0])
+    for i in range(out.size):
+        a, b, c = M[i, 0, 0] + 1e-6, M[i, 0, 1], M[i, 1, 1] + 1e-6
+        determinant = a * c - b * b
+        u, v = (b * g[i, 1] - c * g[i, 0]) / determinant, (b * g[i, 0] - a * g[i, 1]) / determinant
+        out[i] = 0.5 * (min(u * u, most * most) + min(v * v, most * most))
+    return out
 
 
 @kernel()

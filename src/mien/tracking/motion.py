@@ -51,6 +51,12 @@ class Motion:
         """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
         self.settings = settings
         self.patches = patches
+        floor = np.repeat(
+            [math.radians(settings.motion_rotation_deg), settings.motion_translation, settings.motion_animation],
+            [3, 3, 6],
+        )
+        floor[6 + JAW_DROP] = settings.prior_jaw  # a mouth that opens shows what the last frame did not
+        self.least_drift = floor**2
         self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
         self.agreement = np.ones(len(patches))
@@ -95,13 +101,9 @@ class Motion:
 
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
-        s = self.settings
-        angle = math.radians(s.motion_rotation_deg)
-        floor = np.array([angle] * 3 + [s.motion_translation] * 3 + [s.motion_animation] * 6)
-        floor[6 + JAW_DROP] = s.prior_jaw  # a mouth that opens shows what the last frame did not
         turn, shift = math.sqrt(step[:3] @ step[:3]), math.sqrt(step[3:6] @ step[3:6])
         length = np.array([turn] * 3 + [shift] * 3 + step[6:].tolist())
-        return np.asarray(floor**2 + (s.motion_share * length) ** 2)
+        return np.asarray(self.least_drift + (self.settings.motion_share * length) ** 2)
 
 
 def _median(correlation: Array, weight: Array) -> float:

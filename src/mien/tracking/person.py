@@ -168,7 +168,7 @@ class Person:
         return np.asarray((animation @ self.units.reshape(6, -1)).reshape(-1, 3))
 
 
-def _mean(values: Array, of: Mask) -> float:
+def _mean(values: Float32, of: Mask) -> float:
     """Mean of the values (n,) that are `of` (n,), 0 where none is."""
     count = np.count_nonzero(of)
     return float(values @ of) / count if count else 0.0

@@ -243,8 +243,9 @@ class RealtimeTracker:
         prior = self._prior(predicted)
         arrays, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*arrays)
-        drift = self.motion.drift(self.pose.step_to(pose))
-        return Prediction(pose, inverse_definite(self.spread + covariance + np.diag(drift)))
+        covariance += self.spread
+        covariance.flat[::13] += self.motion.drift(self.pose.step_to(pose))  # the diagonal
+        return Prediction(pose, inverse_definite(covariance))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Keep what the next frame's motion is measured from, and what surrounds it; returns how well the patches agree

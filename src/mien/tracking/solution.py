@@ -136,8 +136,4 @@ class Solution:
     def misplacement(self, most: float) -> Array:
         """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
         puts it, no further than `most`."""
-        a, b, c = self.M[:, 0, 0] + 1e-6, self.M[:, 0, 1], self.M[:, 1, 1] + 1e-6
-        gu, gv = self.g[:, 0], self.g[:, 1]
-        determinant = a * c - b * b
-        u, v = (b * gv - c * gu) / determinant, (b * gu - a * gv) / determinant
-        return np.asarray(0.5 * (np.minimum(u * u, most**2) + np.minimum(v * v, most**2)))
+        return np.asarray(kernels.misplacement(self.M, self.g, most))

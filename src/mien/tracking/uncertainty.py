@@ -31,6 +31,7 @@ TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
 _SCALES = np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])
+_SCALES = _SCALES * _SCALES[:, None]
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
 _CONFIDENCE = (-6.18, -1.49)
@@ -80,8 +81,9 @@ def state_covariance(
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
     error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
     relief_sd, learned: see `systematic_covariance`."""
-    covariance = frame_variance(d2, seen) * spread * _SCALES * _SCALES[:, None]
-    covariance[[3, 4], [3, 4]] += ACROSS_SD**2
+    covariance = frame_variance(d2, seen) * spread * _SCALES
+    covariance[3, 3] += ACROSS_SD**2
+    covariance[4, 4] += ACROSS_SD**2
     covariance[:3, :3] += systematic_covariance(R, first, relief_sd, learned)
     return np.asarray(covariance)
 
