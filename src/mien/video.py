@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -182,13 +182,15 @@ class VideoFile:
     def between(self, begin: float, until: float) -> Iterator[Frame]:
         """The frames from one time to another, both in seconds and included, without index and as large as they are.
         They are decoded from the last key frame on: some containers do not find that, and frames are missing."""
+        pixels_of = _upright()
         for image in _decoded(self.path, begin):
             if image is None or image.time is None or image.time > until:
                 return
             if image.time >= begin:
-                yield Frame(_upright(image), time=float(image.time))
+                yield Frame(pixels_of(image), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
+        pixels_of = _upright()
         count, time, until, damaged = 0, self.begin, self.begin, False
         for image in _decoded(self.path):
             if image is None:
@@ -196,7 +198,7 @@ class VideoFile:
                 continue
             time = until if image.time is None else float(image.time)
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
-            yield Frame(_upright(image), count, time)
+            yield Frame(pixels_of(image), count, time)
             count += 1
         require(
             count > 0,
@@ -337,11 +339,19 @@ def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
             yield from images
 
 
-def _upright(image: Any) -> Pixels:
-    """(H, W, 3) uint8 RGB of a PyAV frame, turned counter-clockwise as its rotation metadata says."""
-    pixels = image.to_ndarray(format="rgb24")
-    quarters = round(image.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(pixels, quarters)) if quarters else pixels
+def _upright() -> Callable[[Any], Pixels]:
+    """What makes (H, W, 3) uint8 RGB of PyAV frames, turned counter-clockwise as their rotation metadata says. One for a
+    video: it keeps how to convert, which takes several times as long to find out as to do."""
+    from av.video.reformatter import VideoReformatter
+
+    converter = VideoReformatter()
+
+    def pixels_of(image: Any) -> Pixels:
+        pixels = np.asarray(converter.reformat(image, format="rgb24").to_ndarray(), np.uint8)
+        quarters = round(image.rotation / 90) % 4
+        return np.ascontiguousarray(np.rot90(pixels, quarters)) if quarters else pixels
+
+    return pixels_of
 
 
 def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
