@@ -60,7 +60,7 @@ class Played:
         return len(self.frames)
 
     def __iter__(self) -> Iterator[Frame]:
-        return (replace(frame, index=k, time=k / self.fps) for k, frame in enumerate(self.frames))
+        return (Frame(frame.pixels, k, k / self.fps) for k, frame in enumerate(self.frames))
 
 
 def as_tracked(run: Run) -> Score:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -60,7 +59,7 @@ def with_spectacles() -> SyntheticSequence:
         for rim in rims:
             p = camera.project(rim @ R.T + t)[0]
             cv2.polylines(pixels, [np.round(16 * p).astype(np.int32)], True, (30, 25, 25), 2, cv2.LINE_AA, shift=4)
-        frames.append(replace(frame, pixels=pixels))
+        frames.append(Frame(pixels, frame.index, frame.time))
     return shown(frames)
 
 
@@ -76,7 +75,7 @@ def leaving(across: float, down: float, frames: int = 14) -> SyntheticSequence:
 def shown(frames: Sequence[Frame], of: Sequence[int] | None = None) -> SyntheticSequence:
     """`sequence()` with other pictures, whose truth is that of the frames `of`; the pictures are numbered anew."""
     truth, rows = sequence(), list(range(len(frames)) if of is None else of)
-    numbered = tuple(replace(f, index=k, time=k / FPS) for k, f in enumerate(frames))
+    numbered = tuple(Frame(f.pixels, k, k / FPS) for k, f in enumerate(frames))
     return SyntheticSequence(numbered, truth.R[rows], truth.t[rows], truth.animation[rows], truth.landmarks[rows])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import tracemalloc
 import warnings
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
-from mien.video import FOLDER_FPS, Frame, backwards, expected_count, open_video, select
+from mien.video import FOLDER_FPS, Decoded, Frame, backwards, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
 
@@ -85,6 +86,48 @@ def test_rotation_metadata_is_honoured(tmp_path: Path) -> None:
     after = frames_of(path)[0]
     assert (after.width, after.height) == (48, 64)
     np.testing.assert_array_equal(after.pixels, np.rot90(before, -1))
+    assert np.corrcoef(after.brightness.ravel(), cv2.cvtColor(after.pixels, cv2.COLOR_RGB2GRAY).ravel())[0, 1] > 0.99
+
+
+PART = slice(5, 30), slice(7, 40)
+
+
+@pytest.mark.parametrize(
+    ("codec", "pix_fmt", "has_luma"),
+    [("libx264", "yuv420p", True), ("libx264", "nv12", True), ("mjpeg", "yuvj422p", True), ("ffv1", "gray", True),
+     ("ffv1", "yuv420p10le", False), ("ffv1", "gray16le", False), ("ffv1", "bgr0", False),
+     ("libx264rgb", "rgb24", False)],
+)  # fmt: skip
+def test_grey_is_there_without_a_conversion_where_luma_is(
+    codec: str, pix_fmt: str, has_luma: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / "video.mkv", [gradient(i) for i in range(4)], codec=codec, pix_fmt=pix_fmt)
+    plain = [cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY) for frame in frames_of(path)]
+    asked: list[Decoded] = []
+    convert = Decoded.rgb
+    monkeypatch.setattr(Decoded, "rgb", lambda image: asked.append(image) or convert(image))
+    for frame, expected in zip(frames_of(path), plain, strict=True):
+        part = frame.gray_part(*PART)
+        assert part.flags.c_contiguous
+        np.testing.assert_array_equal(frame.gray[PART], part)
+        assert frame.brightness.shape == (48, 64)
+        # Luma may have a range of its own, from 16 to 235; what is told of it by gain and offset is the same.
+        gain, offset = np.polyfit(frame.gray.ravel().astype(float), expected.ravel().astype(float), 1)
+        np.testing.assert_allclose(gain * frame.gray + offset, expected, atol=4)
+    assert len(asked) == (0 if has_luma else 4)
+
+
+def test_frames_that_are_passed_over_are_not_converted(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(Decoded, "rgb")
+    assert [f.index for f in select(open_video(video), 0.1, 0.3)] == [3, 4, 5, 6, 7]
+    assert [f.index for f in backwards(open_video(video), begin=0.06, end=8)] == [7, 6, 5, 4, 3, 2]
+
+
+def test_a_frame_goes_to_another_process(video: Path) -> None:
+    frame = pickle.loads(pickle.dumps(frames_of(video)[3]))
+    assert (frame.index, frame.time) == (3, pytest.approx(0.12, abs=1e-3))
+    np.testing.assert_array_equal(frame.pixels, gradient(3))
+    np.testing.assert_array_equal(frame.gray, cv2.cvtColor(gradient(3), cv2.COLOR_RGB2GRAY))
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -34,26 +35,93 @@ HELD_BYTES = 1 << 29
 Pixels = NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
 class Frame:
-    """One decoded image: pixels (H, W, 3) uint8 RGB, its index, its time in seconds."""
+    """One image, its index, and its time in seconds.
 
-    pixels: Pixels
-    index: int = 0
-    time: float = 0.0
+    What a video decodes becomes RGB when its `pixels` are asked for, and not before: that takes longer than decoding,
+    and tracking asks for the grey of a part alone.
+    """
+
+    def __init__(self, pixels: Pixels | Decoded, index: int = 0, time: float = 0.0) -> None:
+        """pixels: (H, W, 3) uint8 RGB, or what gives them."""
+        self.image, self.index, self.time = pixels, index, time
+        self.height, self.width = (int(n) for n in pixels.shape[:2])
+
+    def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float]]:
+        """To other processes go the pixels: what was decoded stays in its own."""
+        return Frame, (self.pixels, self.index, self.time)
+
+    @cached_property
+    def pixels(self) -> Pixels:
+        """(H, W, 3) uint8 RGB."""
+        return self.image.rgb() if isinstance(self.image, Decoded) else self.image
+
+    @cached_property
+    def _luma(self) -> Pixels | None:
+        return self.image.luma() if isinstance(self.image, Decoded) else None
 
     @property
-    def width(self) -> int:
-        return int(self.pixels.shape[1])
-
-    @property
-    def height(self) -> int:
-        return int(self.pixels.shape[0])
+    def brightness(self) -> Pixels:
+        """(H, W) uint8 view of what is there without a conversion: luma where that was decoded, else green."""
+        return self.pixels[..., 1] if self._luma is None else self._luma
 
     @cached_property
     def gray(self) -> Pixels:
         """(H, W) uint8 luminance."""
-        return np.asarray(cv2.cvtColor(self.pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        return self.gray_part(slice(None), slice(None))
+
+    def gray_part(self, rows: slice, columns: slice) -> Pixels:
+        """(h, w) uint8 luminance of a part; costs what the part costs."""
+        if self._luma is None:
+            return np.asarray(cv2.cvtColor(self.pixels[rows, columns], cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        return np.ascontiguousarray(self._luma[rows, columns])
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """An image of PyAV, to be turned counter-clockwise by so many quarters.
+
+    converter: a VideoReformatter, one for all images of a video: it keeps how to convert, which takes several times as
+    long to find out as to do.
+    """
+
+    image: Any
+    quarters: int
+    converter: Any
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, upright."""
+        height, width = int(self.image.height), int(self.image.width)
+        return (width, height) if self.quarters % 2 else (height, width)
+
+    def rgb(self) -> Pixels:
+        """(H, W, 3) uint8."""
+        with _converting:
+            pixels = self.converter.reformat(self.image, format="rgb24").to_ndarray()
+        return np.ascontiguousarray(np.rot90(pixels, self.quarters))
+
+    def luma(self) -> Pixels | None:
+        """(H, W) uint8, a view; None where what was decoded has no luma of eight bits apart from its colour."""
+        plane, width, height = self.image.planes[0], self.image.width, self.image.height
+        if not _has_luma(self.image.format.name) or plane.line_size < width:
+            return None
+        rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
+        return np.rot90(rows[:, :width], self.quarters)
+
+
+_converting = threading.Lock()
+"""A frame may be asked for its pixels in another thread than another one of its video."""
+
+
+@cache
+def _has_luma(name: str) -> bool:
+    """Whether a pixel format of FFmpeg begins with a plane of luma."""
+    from av import VideoFormat
+
+    pixels = VideoFormat(name)
+    first = pixels.components[0]
+    return name == "gray" or bool(pixels.is_planar and first.is_luma and first.plane == 0 and first.bits == 8)
 
 
 class Video(Protocol):
@@ -120,18 +188,18 @@ def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
         if frame.time >= begin:
             there.append((frame.index, frame.time))
             held.append(frame)
-            if len(held) > 1 and len(held) * frame.pixels.nbytes > HELD_BYTES:
+            if len(held) > 1 and len(held) * 3 * frame.height * frame.width > HELD_BYTES:
                 held.popleft()
     most = len(held)
     while held:
         there = there[: -len(held)]
-        size = held[0].pixels.shape
+        size = held[0].height, held[0].width
         while held:
             yield held.pop()
         held.extend(_part(video, there[-most:], size))
 
 
-def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, ...]) -> list[Frame]:
+def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
     """The frames with these indices and times: from the nearest key frame on, or, where the container does not find
     them all so, from the beginning."""
     if not there:
@@ -139,8 +207,8 @@ def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, ...
     indices, times = zip(*there, strict=True)
     if isinstance(video, VideoFile):
         found = list(video.between(times[0], times[-1]))
-        if [frame.time for frame in found] == list(times) and all(frame.pixels.shape == size for frame in found):
-            return [replace(frame, index=index) for frame, index in zip(found, indices, strict=True)]
+        if [f.time for f in found] == list(times) and all((f.height, f.width) == size for f in found):
+            return [Frame(f.image, index, f.time) for f, index in zip(found, indices, strict=True)]
     until = itertools.takewhile(lambda frame: frame.index <= indices[-1], video)
     wanted = set(indices)
     return [frame for frame in until if frame.index in wanted]
@@ -182,15 +250,15 @@ class VideoFile:
     def between(self, begin: float, until: float) -> Iterator[Frame]:
         """The frames from one time to another, both in seconds and included, without index and as large as they are.
         They are decoded from the last key frame on: some containers do not find that, and frames are missing."""
-        pixels_of = _upright()
+        converter = _converter()
         for image in _decoded(self.path, begin):
             if image is None or image.time is None or image.time > until:
                 return
             if image.time >= begin:
-                yield Frame(pixels_of(image), time=float(image.time))
+                yield Frame(Decoded(image, _quarters(image), converter), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
-        pixels_of = _upright()
+        converter = _converter()
         count, time, until, damaged = 0, self.begin, self.begin, False
         for image in _decoded(self.path):
             if image is None:
@@ -198,7 +266,7 @@ class VideoFile:
                 continue
             time = until if image.time is None else float(image.time)
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
-            yield Frame(pixels_of(image), count, time)
+            yield Frame(Decoded(image, _quarters(image), converter), count, time)
             count += 1
         require(
             count > 0,
@@ -339,19 +407,15 @@ def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
             yield from images
 
 
-def _upright() -> Callable[[Any], Pixels]:
-    """What makes (H, W, 3) uint8 RGB of PyAV frames, turned counter-clockwise as their rotation metadata says. One for a
-    video: it keeps how to convert, which takes several times as long to find out as to do."""
+def _converter() -> Any:
     from av.video.reformatter import VideoReformatter
 
-    converter = VideoReformatter()
+    return VideoReformatter()
 
-    def pixels_of(image: Any) -> Pixels:
-        pixels = np.asarray(converter.reformat(image, format="rgb24").to_ndarray(), np.uint8)
-        quarters = round(image.rotation / 90) % 4
-        return np.ascontiguousarray(np.rot90(pixels, quarters)) if quarters else pixels
 
-    return pixels_of
+def _quarters(image: Any) -> int:
+    """Quarters of a turn, counter-clockwise, that a PyAV image needs, as its metadata says."""
+    return round(float(image.rotation) / 90) % 4
 
 
 def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
@@ -367,7 +431,7 @@ def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
                     f"{size[0]}x{size[1]}; frames of another size are scaled to fit the first"
                 )
             warned = True
-            frame = replace(frame, pixels=_fitted(frame.pixels, size))
+            frame = Frame(_fitted(frame.pixels, size), frame.index, frame.time)
         yield frame
 
 

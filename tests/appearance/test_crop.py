@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 
 from mien.appearance.crop import Crop, blurred
 from mien.geometry.rotation import Array
+from mien.video import Frame
 from strategies import vectors
 
 HEIGHT, WIDTH = 72, 96
 SLOPE = 2.6431  # not a simple fraction, so that errors of rounding even out
 Gray = NDArray[np.uint8]
+
+
+def _frame(gray: Gray) -> Frame:
+    return Frame(np.repeat(gray[..., None], 3, axis=2))
 
 
 def _ramp(axis: int) -> Gray:
@@ -23,8 +28,8 @@ def _ramp(axis: int) -> Gray:
     return np.round(SLOPE * (u, v)[axis]).astype(np.uint8)
 
 
-def _both(axis: int) -> tuple[Gray, Gray]:
-    return _ramp(axis), 255 - _ramp(axis)
+def _both(axis: int) -> tuple[Frame, Frame]:
+    return _frame(_ramp(axis)), _frame(255 - _ramp(axis))
 
 
 def _pixels(crop: Crop) -> Array:
@@ -81,7 +86,7 @@ def test_near_the_edge_a_ramp_stays_a_ramp(centre: tuple[float, float], scale: f
 
 def test_beyond_the_edge_the_edge_repeats() -> None:
     crop = Crop((0.0, 36.0), 1.0, 0.0, 41)
-    sample = crop.sample(_ramp(1))
+    sample = crop.sample(_frame(_ramp(1)))
     for column in range(20):
         np.testing.assert_allclose(sample[:, column], sample[:, 20], atol=1)
 
@@ -89,7 +94,7 @@ def test_beyond_the_edge_the_edge_repeats() -> None:
 @pytest.mark.parametrize("centre", [(-500.0, 100.0), (900.0, 100.0), (100.0, -900.0), (100.0, 5000.0)])
 @pytest.mark.parametrize("scale", [0.2, 2.0])
 def test_a_crop_beside_the_image_is_flat_or_a_stripe(centre: tuple[float, float], scale: float) -> None:
-    sample = Crop(centre, scale, 0.2, 32).sample(_ramp(1))
+    sample = Crop(centre, scale, 0.2, 32).sample(_frame(_ramp(1)))
     assert sample.shape == (32, 32)
     assert np.isfinite(sample).all()
 
@@ -98,14 +103,14 @@ def test_shrinking_does_not_alias() -> None:
     """A pattern of single pixels becomes its mean."""
     stripes = np.zeros((HEIGHT, WIDTH), np.uint8)
     stripes[:, ::2] = 200
-    sample = Crop((48, 36), 0.25, 0.0, 16).sample(stripes)
+    sample = Crop((48, 36), 0.25, 0.0, 16).sample(_frame(stripes))
     np.testing.assert_allclose(sample[2:-2, 2:-2], 100, atol=2)
 
 
 def test_colours_become_luminance() -> None:
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     pixels[..., 1] = 100
-    np.testing.assert_allclose(Crop((48, 36), 1.0, 0.0, 20).sample(pixels), 59, atol=1)
+    np.testing.assert_allclose(Crop((48, 36), 1.0, 0.0, 20).sample(Frame(pixels)), 59, atol=1)
 
 
 def test_blur() -> None:

@@ -114,7 +114,7 @@ def test_the_frontal_view_is_the_frame() -> None:
     fit, camera, frame = portrait.fit, portrait.camera, portrait.frame
     ((image, p),) = rendered_views(frame, fit, camera, fit.model.triangles, [fit.R], 64, 154, 0.0)
     crop = crop_of_face(fit.R, fit.t, camera, 64, 154)
-    original = crop.sample(frame.pixels)
+    original = crop.sample(frame)
     np.testing.assert_allclose(p, crop.to_crop(camera.project(fit.vertices() @ fit.R.T + fit.t)[0]), atol=1e-9)
     middle: Array = np.abs(image - original)[50:110, 50:110]
     assert np.median(middle) < 3

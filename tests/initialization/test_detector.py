@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -21,7 +20,7 @@ pytest.importorskip("mediapipe", reason="the extra `auto` is not installed")
 
 def _texture() -> Frame:
     pixels = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
-    return replace(small_motion().frames[0], pixels=pixels)
+    return Frame(pixels)
 
 
 def test_the_portrait_is_found() -> None:
@@ -56,7 +55,7 @@ def test_a_face_that_is_small_in_the_image_is_found(face_px: int) -> None:
 def test_a_face_that_is_small_in_the_image_is_followed() -> None:
     first, _ = _far_away((900, 400))
     later, known = _far_away((910, 395))
-    ((frame, found),) = detector.follow(detector.look(first)[0], [replace(later, index=7)])
+    ((frame, found),) = detector.follow(detector.look(first)[0], [Frame(later.pixels, 7)])
     assert frame.index == found.frame_index == 7
     assert np.abs(found.points - known).mean() < 2.5
 
@@ -77,7 +76,7 @@ def test_a_face_that_is_too_small_to_be_tracked_is_passed_over() -> None:
 
 def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
     """The network takes a texture for a face; turned and scaled it does not."""
-    texture, portrait = _texture(), replace(small_motion().frames[1], index=1)
+    texture, portrait = _texture(), Frame(small_motion().frames[1].pixels, 1)
     read = detector.read_faces
     seen_once = np.random.default_rng(1).uniform(60, 180, (478, 3))
 
@@ -103,7 +102,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
     others: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = [[*others, _moved(0.1)], others[:0], [_moved(0.3, 1.1), *others], [_moved(3.0)], [_moved(0.2)]]
-    frames = [replace(small_motion().frames[0], index=k) for k in range(1, 1 + len(answers))]
+    frames = [Frame(small_motion().frames[0].pixels, k) for k in range(1, 1 + len(answers))]
     shown = iter(answers)
     monkeypatch.setattr(detector, "read_faces", lambda mesh, pixels: next(shown))
     monkeypatch.setattr(detector._Finder, "closer", lambda finder, frame, place: [])

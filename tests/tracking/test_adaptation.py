@@ -99,7 +99,7 @@ def _with_reflections() -> SyntheticSequence:
         for x, y in face().camera.project(centres @ R.T + t)[0] - RUN_PX * (R @ fit.R.T)[:2, 2]:
             cv2.ellipse(spots, (round(8 * x), round(8 * y)), (8 * 8, 8 * 5), -30, 0, 360, 1, -1, cv2.LINE_AA, 3)
         pixels = frame.pixels + 90 * cv2.GaussianBlur(spots, (0, 0), 1)[:, :, None]
-        frames.append(replace(frame, pixels=np.clip(pixels, 0, 255).astype(np.uint8)))
+        frames.append(Frame(np.clip(pixels, 0, 255).astype(np.uint8), frame.index, frame.time))
     return replace(sequence, frames=tuple(frames))
 
 
@@ -135,7 +135,7 @@ def test_what_passes_before_the_face_is_not_learned() -> None:
         pixels = frames[i].pixels.copy()
         left = 40 + 9 * (i - 60)
         pixels[:, left : left + 25] = np.random.default_rng(2).integers(0, 255, (240, 1, 1))
-        frames[i] = replace(frames[i], pixels=pixels)
+        frames[i] = Frame(pixels, frames[i].index, frames[i].time)
     tracker, error, _ = _run(replace(_turning(), frames=tuple(frames)))
     as_it_is, _, _ = _run(_turning())
     assert np.abs(tracker.person.adaptation.slope).max() <= np.abs(as_it_is.person.adaptation.slope).max() + 1e-6
@@ -154,7 +154,7 @@ def _unlike_the_first() -> SyntheticSequence:
     plain, strange = (make_sequence(portrait, states, noise_sd=1) for portrait in (face(), other))
     share = np.clip((-angles[:, 1] - 12) / 18, 0, 1)
     frames = tuple(
-        replace(a, pixels=cv2.addWeighted(a.pixels, 1 - s, b.pixels, s, 0))
+        Frame(cv2.addWeighted(a.pixels, 1 - s, b.pixels, s, 0), a.index, a.time)
         for a, b, s in zip(plain.frames, strange.frames, share.tolist(), strict=True)
     )
     return replace(plain, frames=frames)

@@ -17,7 +17,7 @@ from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.eyes import closing_of
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Closing, Estimate, Mask
-from mien.video import Pixels
+from mien.video import Frame, Pixels
 from small_motion import face, run
 
 N = 4
@@ -122,7 +122,7 @@ def _blinking() -> SyntheticSequence:
         for side in ("right", "left"):
             eye = [LANDMARK_NAMES.index(f"{side}_{part}") for part in EYE]
             pixels = _lid(pixels, sequence.landmarks[i, eye], share)
-        frames[i] = replace(frames[i], pixels=pixels)
+        frames[i] = Frame(pixels, frames[i].index, frames[i].time)
     return replace(sequence, frames=tuple(frames))
 
 
@@ -139,7 +139,7 @@ def test_where_the_face_is_lost_nothing_is_remembered_of_its_eyes() -> None:
     tracker.initialize(first, face().landmarks, face().camera)
     noise = np.random.default_rng(0).integers(0, 255, second.pixels.shape, dtype=np.uint8)
     assert tracker.closing is not None
-    assert tracker.track(replace(second, pixels=noise)).closing is None
+    assert tracker.track(Frame(noise, second.index, second.time)).closing is None
     assert tracker.closing is None
 
 

@@ -73,7 +73,7 @@ def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
 
     small = learned(first, landmarks, camera)
     large = learned(
-        replace(first, pixels=pixels),
+        Frame(pixels, first.index, first.time),
         replace(landmarks, points=landmarks.points + np.array([left, top])),
         replace(camera, cx=camera.cx + left, cy=camera.cy + top),
     )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.geometry.rotation import Array
+from mien.video import Frame, Pixels
 
 Float32 = NDArray[np.float32]
 
@@ -46,31 +47,30 @@ class Crop:
         inverse = np.linalg.inv(self.linear)
         return np.asarray((q - 0.5 * (self.size - 1)) @ inverse.T + np.array(self.centre))
 
-    def sample(self, pixels: NDArray[np.uint8], blur: float = 0.0) -> Float32:
-        """Grey crop (size, size) float32 of an image (H, W, 3) or (H, W) uint8; beyond its edge the edge repeats.
+    def sample(self, frame: Frame, blur: float = 0.0) -> Float32:
+        """Grey crop (size, size) float32 of a frame; beyond its edge the edge repeats.
 
-        Costs what the crop costs, whatever the size of the image.
+        Costs what the crop costs, whatever the size of the frame.
         """
-        gray, offset, shrink = self._region(pixels)
+        gray, offset, shrink = self._region(frame)
         A = np.empty((2, 3))
         A[:, :2] = self.linear * shrink
         A[:, 2] = 0.5 * (self.size - 1) - self.linear @ (np.array(self.centre) - offset - 0.5 * (shrink - 1))
         crop = cv2.warpAffine(gray, A, (self.size, self.size), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return blurred(crop.astype(np.float32), blur)
 
-    def _region(self, pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], Array, int]:
+    def _region(self, frame: Frame) -> tuple[Pixels, Array, int]:
         """The grey pixels that the crop needs, where they begin, and by how much they were shrunk against aliasing."""
-        height, width = pixels.shape[:2]
+        size = frame.width, frame.height
         reach = int(0.71 * self.size / self.scale) + 3
-        x0, y0 = (int(min(max(c - reach, 0), n - 1)) for c, n in zip(self.centre, (width, height), strict=True))
-        x1, y1 = (int(min(max(c + reach, 1), n)) for c, n in zip(self.centre, (width, height), strict=True))
-        region = pixels[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)]
-        if region.ndim == 3:  # before it is shrunk: that costs more by channel
-            region = np.asarray(cv2.cvtColor(region, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        x0, y0 = (int(min(max(c - reach, 0), n - 1)) for c, n in zip(self.centre, size, strict=True))
+        x1, y1 = (int(min(max(c + reach, 1), n)) for c, n in zip(self.centre, size, strict=True))
+        region = frame.gray_part(slice(y0, max(y1, y0 + 1)), slice(x0, max(x1, x0 + 1)))
         shrink = max(int(1 / self.scale), 1)
         if shrink > 1 and min(region.shape[:2]) >= shrink:
             h, w = region.shape[0] // shrink, region.shape[1] // shrink
-            region = cv2.resize(region[: h * shrink, : w * shrink], (w, h), interpolation=cv2.INTER_AREA)
+            part = region[: h * shrink, : w * shrink]
+            region = np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
         else:
             shrink = 1
         return region, np.array([x0, y0], dtype=float), shrink

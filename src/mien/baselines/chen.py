@@ -92,7 +92,7 @@ class ChenTracker(CandideTracker):
 
     def _search(self, frame: Frame) -> Found:
         crop = face_crop(self.b, self.camera)
-        gray = crop.sample(frame.pixels, BLUR)
+        gray = crop.sample(frame, BLUR)
         likelihood = PatchLikelihood(self.landmarks, self.camera, crop, gray, self.statistics)
         b = self._simplex.minimize(likelihood, self.b).b
         return Found(b, float(self.statistics.correlation(likelihood.observe(b)).mean()))

@@ -215,5 +215,5 @@ class LefevreTracker(CandideTracker):
             GaussianPrior(self.b, DYNAMIC_SD),
             self.camera,
             crop,
-            crop.sample(frame.pixels, BLUR),
+            crop.sample(frame, BLUR),
         )

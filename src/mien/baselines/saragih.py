@@ -199,7 +199,7 @@ class SaragihTracker(CandideTracker):
         crop = face_crop(b, self.camera, upright=False)
         _, pan = tilt_pan_of(unpack(b)[0])
         nearest = int(np.argmin(np.abs(np.degrees(pan) - np.array(PANS_DEG))))
-        return crop, crop.sample(frame.pixels, BLUR), self.experts[nearest]
+        return crop, crop.sample(frame, BLUR), self.experts[nearest]
 
     def _fit(self, frame: Frame, b: Array, radius: int) -> Array:
         crop, gray, experts = self._look(frame, b)

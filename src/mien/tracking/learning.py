@@ -142,7 +142,8 @@ def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Cam
     pixels, size = camera.project(surface.vertices)[0], np.array([frame.width, frame.height])
     x0, y0 = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, size - 1)
     x1, y1 = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 1, size)
-    part = replace(frame, pixels=frame.pixels[y0:y1, x0:x1])
+    gray = frame.gray_part(slice(y0, y1), slice(x0, x1))  # the same grey as will be tracked, also where eyes are drawn
+    part = Frame(np.repeat(gray[:, :, None], 3, axis=2), frame.index, frame.time)
     return part, replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
 
 
@@ -158,7 +159,7 @@ def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: 
         outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in _EYE)
         corners = [outer, inner] if side == "right" else [inner, outer]
         pixels = draw(pixels, np.array(corners), np.array([upper, lower]), share)
-    return replace(frame, pixels=pixels)
+    return Frame(pixels, frame.index, frame.time)
 
 
 def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:

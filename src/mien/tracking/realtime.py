@@ -302,7 +302,7 @@ class RealtimeTracker:
     def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
         crop = level.crop(pose.R, pose.t, self.camera)
-        image = crop.sample(frame.pixels, level.descriptor.blur)
+        image = crop.sample(frame, level.descriptor.blur)
         offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
         geometry = (self.camera_vector, crop.linear, offset, pose.ray)
         facing = kernels.visible(

@@ -82,7 +82,7 @@ class Keyframes:
         """Keep a view."""
         size = round(_CROP_UNITS * KEYFRAME_PIXELS_PER_UNIT)
         crop = crop_of_face(R, t, self.camera, KEYFRAME_PIXELS_PER_UNIT, size)
-        gray = np.clip(crop.sample(frame.pixels), 0, 255).astype(np.uint8)
+        gray = np.clip(crop.sample(frame), 0, 255).astype(np.uint8)
         self.keyframes.append(Keyframe(R, t, animation, gray, crop_camera(self.camera, crop), self.fit))
 
     def find(self, frame: Frame, last: Array) -> tuple[Array, Array] | None:
@@ -117,7 +117,7 @@ class Keyframes:
             columns, rows = (1 + np.maximum(np.ceil((size - side) / (side - face)), 0)).astype(int)
             corner = np.array([around % columns, around // columns % rows]) * (side - face)
         x, y = np.clip(np.rint(corner), 0, np.maximum(size - round(side), 0)).astype(int)
-        return Frame(frame.pixels[y : y + round(side), x : x + round(side)]).gray, np.array([x, y])
+        return frame.gray_part(slice(y, y + round(side)), slice(x, x + round(side))), np.array([x, y])
 
     def _place(
         self, keyframe: Keyframe, p: Array, descriptors: NDArray[np.float32], scale: float

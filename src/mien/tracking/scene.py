@@ -35,7 +35,7 @@ class Scene:
         rows, columns = frame.height // down, frame.width // across
         total = np.zeros((rows, columns), np.uint16)
         for y, x in product((down // 4, 3 * down // 4), (across // 4, 3 * across // 4)):
-            total += frame.pixels[y::down, x::across, 1][:rows, :columns]
+            total += frame.brightness[y::down, x::across][:rows, :columns]
         self.seen.append(total)
 
     def correlation(self, frame: Frame, face: Array, radius: float) -> float:

@@ -100,7 +100,7 @@ class PaperTracker:
         # The patches keep the size in pixels of the first frame: the paper adapts neither scale nor orientation.
         scale = d.pixels_per_unit * self.scale_distance / self.camera.focal_px
         crop = Crop(centre, scale, 0.0, crop_size(d))
-        reader = Reader.of(crop.sample(frame.pixels, d.blur), d)
+        reader = Reader.of(crop.sample(frame, d.blur), d)
         return AppearanceLikelihood(self.landmarks, self.camera, crop, reader, self.gaussians)
 
     def _estimate(self, frame: Frame, status: Status, likelihood: AppearanceLikelihood) -> Estimate:
