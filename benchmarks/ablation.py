@@ -33,7 +33,7 @@ from mien.initialization.detector import detect
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
 from mien.tracking import learning, person
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.solution import Prediction, View
+from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate
 from mien.video import Frame, open_video
 
@@ -137,6 +137,13 @@ class Unmoved(RealtimeTracker):
         return predicted
 
 
+class UprightInTheCrop(RealtimeTracker):
+    """Descriptors keep the direction and the size of the crop that they are read from."""
+
+    def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
+        return super()._solve(replace(view, upright=view.pose), start, predicted)
+
+
 def _set(**settings: Any) -> Callable[[], RealtimeTracker]:
     return lambda: RealtimeTracker(RealtimeSettings.model_validate(settings))
 
@@ -153,6 +160,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
+    "descriptors upright for the crop, not for the face": UprightInTheCrop,
     "shape not learned": _set(learn_shape=False),
     "no anchors beside the 26 landmarks": WithoutAnchors,
     "depth as certain on a slope as elsewhere": _set(slope_sd=0),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +20,9 @@ from mien.synthetic import make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from mien.tracking.tracker import PaperTracker
-from mien.video import Frame
+from mien.video import Decoded, Frame, open_video
 from small_motion import face, run
+from videos import known_portrait, portrait_images, turn_by_metadata, write_video
 
 
 @pytest.fixture(scope="module")
@@ -280,3 +282,23 @@ def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
     assert 0 < predicted.step_to(held.pose)[0] < 0.05  # most of the way back
     sure = tracker._hold(predicted, replace(turned, H=1e6 * found.H))
     np.testing.assert_allclose(predicted.step_to(sure.pose), predicted.step_to(turned.pose), atol=1e-4)
+
+
+@pytest.mark.parametrize("rotated", [False, True])
+def test_of_what_a_video_decodes_the_luma_is_enough(
+    rotated: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tracking decoded frames never asks for their colours, and finds what it finds in the same frames as RGB."""
+    images = [np.ascontiguousarray(np.rot90(image)) if rotated else image for image in portrait_images()]
+    path = write_video(tmp_path / "portrait.mp4", images, codec="libx264", pix_fmt="yuv420p", options={"crf": "10"})
+    if rotated:
+        turn_by_metadata(path)
+    frames = list(open_video(path))
+    found = []
+    for shown_as in ([Frame(f.pixels, f.index, f.time) for f in frames], list(open_video(path))):
+        tracker = RealtimeTracker()
+        tracker.initialize(shown_as[0], known_portrait().landmarks, known_portrait().camera)
+        found.append([tracker.track(frame).euler for frame in shown_as[1:]])
+        monkeypatch.delattr(Decoded, "rgb", raising=False)
+    np.testing.assert_allclose(np.degrees(found[1]), np.degrees(found[0]), atol=0.1)
+    assert np.ptp(np.degrees(found[1])[:, 1]) > 3

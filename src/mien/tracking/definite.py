@@ -10,13 +10,11 @@ from mien.geometry.rotation import Array
 
 
 def solve_definite(A: Array, b: Array) -> Array:
-    """x (d, ...) with A x = b for a symmetric positive definite A (d, d). Raises LinAlgError where A is not."""
+    """x (d, ...) with A x = b for a symmetric positive definite A (d, d). Raises LinAlgError where A is singular."""
     _, x, failed = dposv(A.T, b)  # symmetric: its transpose is in the order of LAPACK
-    if failed:
-        raise np.linalg.LinAlgError("the matrix is not positive definite")
-    return np.asarray(x)
+    return np.linalg.solve(A, b) if failed else np.asarray(x)  # where rounding has made it indefinite
 
 
 def inverse_definite(A: Array) -> Array:
-    """Inverse (d, d) of a symmetric positive definite A (d, d). Raises LinAlgError where A is not."""
+    """Inverse (d, d) of a symmetric positive definite A (d, d). Raises LinAlgError where A is singular."""
     return np.ascontiguousarray(solve_definite(A, np.eye(len(A))))
