@@ -79,15 +79,19 @@ class Frame:
 
 @dataclass(frozen=True)
 class Decoded:
-    """An image of PyAV, to be turned counter-clockwise by so many quarters.
+    """An image of PyAV, and what it becomes upright, as its metadata says.
 
     converter: a VideoReformatter, one for all images of a video: it keeps how to convert, which takes several times as
     long to find out as to do.
     """
 
     image: Any
-    quarters: int
     converter: Any
+
+    @cached_property
+    def quarters(self) -> int:
+        """Quarters of a turn, counter-clockwise, that make it upright."""
+        return round(float(self.image.rotation) / 90) % 4
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -255,7 +259,7 @@ class VideoFile:
             if image is None or image.time is None or image.time > until:
                 return
             if image.time >= begin:
-                yield Frame(Decoded(image, _quarters(image), converter), time=float(image.time))
+                yield Frame(Decoded(image, converter), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
         converter = _converter()
@@ -266,7 +270,7 @@ class VideoFile:
                 continue
             time = until if image.time is None else float(image.time)
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
-            yield Frame(Decoded(image, _quarters(image), converter), count, time)
+            yield Frame(Decoded(image, converter), count, time)
             count += 1
         require(
             count > 0,
@@ -411,11 +415,6 @@ def _converter() -> Any:
     from av.video.reformatter import VideoReformatter
 
     return VideoReformatter()
-
-
-def _quarters(image: Any) -> int:
-    """Quarters of a turn, counter-clockwise, that a PyAV image needs, as its metadata says."""
-    return round(float(image.rotation) / 90) % 4
 
 
 def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:

@@ -30,8 +30,7 @@ LEARNED_SCALE = 0.15
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
-_SCALES = np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])
-_SCALES = _SCALES * _SCALES[:, None]
+_SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
 _CONFIDENCE = (-6.18, -1.49)
