@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mien.tracking import first_run
+from mien.tracking.realtime import RealtimeTracker
 
 FIRST_RUN = """
 from mien.tracking import first_run, kernels
@@ -46,30 +47,36 @@ def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("executable", ["", "/nowhere/python"])
 def test_without_another_python_nothing_is_lost(executable: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", executable)
-    done = []
-    with first_run.compiled_beside():
-        done.append(True)
-    assert done
+    compiled = first_run.CompiledBeside()
+    assert compiled.helper is None
+    compiled.finish()
 
 
 @pytest.mark.usefixtures("first_time")
-def test_the_other_process_ends_with_an_error_here(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_other_process_ends_with_its_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first_run, "_BESIDE", "import time; time.sleep(60)")
-    started: list[subprocess.Popen[bytes]] = []
-    start = first_run._start
+    tracker = RealtimeTracker()
+    helper = tracker.compiled.helper
+    assert helper is not None
+    assert helper.poll() is None
+    del tracker
+    assert helper.poll() is not None
 
-    def noted() -> subprocess.Popen[bytes] | None:
-        helper = start()
-        assert helper is not None
-        started.append(helper)
-        return helper
 
-    def stopped_in_the_body() -> None:
-        with first_run.compiled_beside():
-            assert started[0].poll() is None
-            raise KeyboardInterrupt
+def test_the_other_process_ends_with_this_one() -> None:
+    script = """
+import sys
+from mien.tracking import first_run
 
-    monkeypatch.setattr(first_run, "_start", noted)
-    with pytest.raises(KeyboardInterrupt):
-        stopped_in_the_body()
-    assert started[0].poll() is not None
+first_run._BESIDE = "import time; time.sleep(60)"
+first_run._is_kept = lambda: False
+first_run._processors = lambda: 2
+compiled = first_run.CompiledBeside()
+print(compiled.helper.pid)
+raise KeyboardInterrupt
+"""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    assert "KeyboardInterrupt" in done.stderr
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(done.stdout), 0)

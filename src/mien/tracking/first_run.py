@@ -1,8 +1,8 @@
 """The first run made shorter: what tracking compiles is compiled by two processes.
 
 Kernels are kept on disk once they are compiled. The first time most of the waiting is for `kernels.solve`, and nothing
-has to be known of the video to compile it: a process of its own does so, while this one learns the face and compiles
-the rest. Where that fails, everything is compiled here when it is called, as without it.
+has to be known of the video to compile it: a process of its own does so, while this one finds and learns the face and
+compiles the rest. Where that fails, everything is compiled here when it is called, as without it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import gc
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import weakref
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -61,22 +61,24 @@ def compile_solve() -> None:
     _compile(SOLVE)
 
 
-@contextmanager
-def compiled_beside() -> Iterator[None]:
-    """Have `kernels.solve` compiled in another process while the body runs, unless it is on disk already or there is
-    one processor alone; the kernels of motion are compiled here after it."""
-    helper = None if _is_kept() or _processors() < 2 else _start()
-    try:
-        yield
-        if helper is not None:
-            _compile(TAKE_PATCHES)
-            _compile(ALIGN)
-            with suppress(subprocess.TimeoutExpired):
-                helper.wait(_PATIENCE_S)
-    finally:
-        if helper is not None and helper.poll() is None:
-            helper.kill()
-            helper.wait()
+class CompiledBeside:
+    """`kernels.solve`, compiled in another process from now on, unless it is on disk already or there is one processor
+    alone. That process ends with this object, or with this process."""
+
+    def __init__(self) -> None:
+        self.helper = None if _is_kept() or _processors() < 2 else _start()
+        if self.helper is not None:
+            weakref.finalize(self, _stop, self.helper)
+
+    def finish(self) -> None:
+        """Compile the kernels of motion here, and wait for the other process."""
+        if self.helper is None:
+            return
+        _compile(TAKE_PATCHES)
+        _compile(ALIGN)
+        with suppress(subprocess.TimeoutExpired):
+            self.helper.wait(_PATIENCE_S)
+        _stop(self.helper)
 
 
 def _compile(kernel: Kernel) -> None:
@@ -97,6 +99,12 @@ def _is_kept() -> bool:
 
 def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _stop(helper: subprocess.Popen[bytes]) -> None:
+    if helper.poll() is None:
+        helper.kill()
+        helper.wait()
 
 
 def _start() -> subprocess.Popen[bytes] | None:

@@ -17,7 +17,7 @@ from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.definite import inverse_definite, solve_definite
-from mien.tracking.first_run import compiled_beside
+from mien.tracking.first_run import CompiledBeside
 from mien.tracking.learning import Level
 from mien.tracking.motion import JAW_DROP, LOOK_BACK, Motion
 from mien.tracking.person import JAW, TRUSTED, Person
@@ -69,6 +69,7 @@ class RealtimeTracker:
         self.settings = settings or RealtimeSettings()
         self.model = model
         self.known_shape = known_shape
+        self.compiled = CompiledBeside()
 
     def again(self) -> RealtimeTracker:
         """A new tracker for the same frames, which begins with the shape that this one has learned from them."""
@@ -81,8 +82,8 @@ class RealtimeTracker:
         self.camera = camera
         self.camera_vector = camera.vector
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
-        with compiled_beside():
-            self.person = Person(frame, landmarks, self.fit, camera, s, self.known_shape)
+        self.person = Person(frame, landmarks, self.fit, camera, s, self.known_shape)
+        self.compiled.finish()
         self.face = self.person.face
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
         sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
