@@ -102,8 +102,8 @@ def track(run: Run) -> Frames:
     """Track a run, and note what its confidence is made of."""
     noted: list[tuple[float, float, float]] = []
 
-    def confidence(covariance: Array, d2: Array, seen: float, *others: Any) -> float:
-        value = uncertainty.confidence(covariance, d2, seen, *others)
+    def confidence(covariance: Array, seen: float, *others: Any) -> float:
+        value = uncertainty.confidence(covariance, seen, *others)
         noted.append((float(np.log(np.trace(covariance[:3, :3]))), seen, value))
         return value
 

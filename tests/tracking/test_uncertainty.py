@@ -17,6 +17,7 @@ from mien.tracking.uncertainty import (
     TRANSLATION_SCALE,
     Reference,
     confidence,
+    familiarity,
     is_same,
     state_covariance,
     still_known,
@@ -30,6 +31,7 @@ SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
 ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
+FAMILIAR = familiarity(PERFECT, FACING, FACING)
 AXES_SD = np.radians([2.0, 1.3, 0.7])
 AHEAD = np.array([0.0, 0.0, 1.0])
 FIRST = Reference(FACING, AHEAD, AXES_SD)
@@ -99,28 +101,29 @@ def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Ar
 
 
 def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:
-    spreads = [confidence(scale * np.eye(12), PERFECT, 0.6, FACING, FACING) for scale in (1e-5, 1e-3, 1e-1, 10)]
+    spreads = [confidence(scale * np.eye(12), 0.6, FAMILIAR) for scale in (1e-5, 1e-3, 1e-1, 10)]
     assert spreads == sorted(spreads, reverse=True)
-    hidden = [confidence(1e-3 * np.eye(12), PERFECT, seen, FACING, FACING) for seen in (1, 0.7, 0.4, 0.1)]
+    hidden = [confidence(1e-3 * np.eye(12), seen, FAMILIAR) for seen in (1, 0.7, 0.4, 0.1)]
     assert hidden == sorted(hidden, reverse=True)
-    assert confidence(1e-4 * np.eye(12), PERFECT, 1.0, FACING, FACING) > 0.99
+    assert confidence(1e-4 * np.eye(12), 1.0, FAMILIAR) > 0.99
     assert hidden[-1] < 0.05
-    assert confidence(1e9 * np.eye(12), np.zeros(0), 0.0, FACING, FACING) == 0
+    assert confidence(1e9 * np.eye(12), 0.0, familiarity(np.zeros(0), FACING, FACING)) == 0
 
 
 def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
-    stranger = np.full(26, 55.0)
-    assert confidence(1e-5 * np.eye(12), stranger, 1.0, FACING, FACING) < 0.01
-    assert confidence(1e-5 * np.eye(12), np.where(np.arange(26) < 9, 10.0, 55.0), 1.0, FACING, FACING) > 0.9
+    stranger = familiarity(np.full(26, 55.0), FACING, FACING)
+    assert confidence(1e-5 * np.eye(12), 1.0, stranger) < 0.01
+    grimace = familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING)
+    assert confidence(1e-5 * np.eye(12), 1.0, grimace) > 0.9
 
 
 def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
     """A grimace looks like somebody else."""
-    grimace = np.full(26, 55.0)
-    believed = [confidence(1e-5 * np.eye(12), grimace, 0.5, FACING, FACING, known) for known in (0, 0.5, 1)]
+    grimace = familiarity(np.full(26, 55.0), FACING, FACING)
+    believed = [confidence(1e-5 * np.eye(12), 0.5, grimace, known) for known in (0, 0.5, 1)]
     np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
-    assert confidence(1e-5 * np.eye(12), grimace, 0.1, FACING, FACING, 1.0) < 0.05  # hardly anything is seen
-    assert confidence(1e-5 * np.eye(12), PERFECT, 1.0, FACING, FACING, 1.0) > 0.99
+    assert confidence(1e-5 * np.eye(12), 0.1, grimace, 1.0) < 0.05  # hardly anything is seen
+    assert confidence(1e-5 * np.eye(12), 1.0, FAMILIAR, 1.0) > 0.99
 
 
 def test_it_is_soon_known_whose_face_it_is_and_doubted_later() -> None:

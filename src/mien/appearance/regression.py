@@ -67,7 +67,3 @@ class PoseRegression:
             np.full(n, 1 / floor, np.float32),
             limit,
         )
-
-    def mean(self, terms: Array, landmarks: NDArray[np.bool_] | slice = slice(None)) -> Float32:
-        """Means (k, 128) of k of the landmarks, all unless given, at a pose given by the polynomial's terms (p,)."""
-        return np.asarray(terms.astype(np.float32) @ self.coefficients[landmarks])

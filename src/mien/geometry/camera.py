@@ -51,12 +51,9 @@ class Camera:
 
         (..., 3) in camera axes -> (..., 2) in pixels, (...) bool. Points behind the camera come back as NaN.
         """
-        z = X[..., 2]
-        valid = z > 1e-6
-        safe = np.where(valid, z, np.nan)
-        u = self.focal_px * X[..., 0] / safe + self.cx
-        v = self.focal_px * X[..., 1] / safe + self.cy
-        return np.stack([u, v], axis=-1), valid
+        valid = X[..., 2] > 1e-6
+        scale = self.focal_px / np.where(valid, X[..., 2], np.nan)
+        return X[..., :2] * scale[..., None] + np.array([self.cx, self.cy]), valid
 
     def in_image(self, X: Array, width: int, height: int) -> NDArrayBool:
         """Which camera points (..., 3) are seen in an image of this size in pixels: (...) bool."""

@@ -152,12 +152,12 @@ def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
 @kernel()
 def linearize_landmarks(
     maps: Any, reading: Any, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
-    inverse_floor: Any, active: Any, y: Any, M: Any, g: Any, d2: Any,
+    inverse_floor: Any, active: Any, residuals: Any, M: Any, g: Any, d2: Any,
 ) -> None:  # fmt: skip
     """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
 
-    Fills y (n, 128), M (n, 4, 4) Gauss-Newton information, g (n, 4) gradient, d2 (n,) squared distance, in the
-    metric `I inverse_floor + U diag(gain) U^T`, U (n, k, 128).
+    Fills residuals (n, 128), what is seen less what is expected, M (n, 4, 4) Gauss-Newton information, g (n, 4)
+    gradient, d2 (n,) squared distance, in the metric `I inverse_floor + U diag(gain) U^T`, U (n, k, 128).
     """
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
@@ -167,9 +167,9 @@ def linearize_landmarks(
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        _describe(maps, q[i : i + 1], reading, y[i : i + 1], J)
+        _describe(maps, q[i : i + 1], reading, D[:1], J)
         for c in range(128):
-            residual[c] = y[i, c] - delta[i, c]
+            residual[c] -= delta[i, c]
             by_u[c] = J[0, 0, c]
             by_v[c] = J[0, 1, c]
             by_tilt[c] = 0.0
@@ -180,6 +180,8 @@ def linearize_landmarks(
                 residual[c] -= T[0, 0] * first[c] + T[0, 1] * second[c] + T[0, 2] * third[c]
                 by_tilt[c] -= T[1, 0] * first[c] + T[1, 1] * second[c] + T[1, 2] * third[c]
                 by_pan[c] -= T[2, 0] * first[c] + T[2, 1] * second[c] + T[2, 2] * third[c]
+        for c in range(128):
+            residuals[i, c] = residual[c]
         for k in range(rank):
             v0 = v1 = v2 = v3 = v4 = np.float32(0.0)
             for c in range(128):
@@ -363,11 +365,11 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
 def evaluate(
     R: Any, t: Any, a: Any, maps: Any, reading: Any, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, y: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
+    prior: Any, view: Any, residuals: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
 ) -> Any:  # fmt: skip
     """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
 
-    The derivatives are those of half the energy. Also fills, per landmark, y, M, g, d2 (see
+    The derivatives are those of half the energy. Also fills, per landmark, residuals, M, g, d2 (see
     `linearize_landmarks`), B (n, 4, 12) = [u, v, tilt, pan] by pose step, and the weight w in the solution.
     """
     coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
@@ -379,7 +381,7 @@ def evaluate(
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
     terms = polynomial(tilt, pan, limit)
-    linearize_landmarks(maps, reading, q, coefficients, delta, terms, U, gain, inverse_floor, active, y, M, g, d2)
+    linearize_landmarks(maps, reading, q, coefficients, delta, terms, U, gain, inverse_floor, active, residuals, M, g, d2)
     energy = add_prior(R, t, a, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
@@ -403,7 +405,7 @@ def evaluate(
 
 
 def room_for(n: int) -> tuple[NDArray[Any], ...]:
-    """Where `solve` puts y, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of everything
+    """Where `solve` puts residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of everything
     there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
     shapes = (n, 4, 4), (n, 4), (n,), (n, 4, STATE), (n,), (STATE, STATE), (STATE,)
     return np.zeros((2, n, 128), np.float32), *(np.zeros((2, *shape)) for shape in shapes)
@@ -417,10 +419,10 @@ def solve(
     """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. room: see `room_for`.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy,
-    H (12, 12), y (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was seen, and
+    H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was seen, and
     how often the energy was evaluated.
     """
-    y, M, g, d2, B, w, H, G = room
+    residuals, M, g, d2, B, w, H, G = room
     lowest, free = 0, 1
     best, damping = np.inf, 1e-3
     best_R, best_t, best_a = R, t, a
@@ -428,7 +430,7 @@ def solve(
     while evaluations < iterations:
         energy = evaluate(
             R, t, a, maps, reading, person, appearance, active, scale, prior, view,
-            y[free], M[free], g[free], d2[free], B[free], w[free], H[free], G[free],
+            residuals[free], M[free], g[free], d2[free], B[free], w[free], H[free], G[free],
         )  # fmt: skip
         evaluations += 1
         if energy < best:
@@ -451,4 +453,4 @@ def solve(
             best_R, best_t, best_a = R, t, a
             break
     k = lowest
-    return best_R, best_t, best_a, best, H[k], y[k], M[k], g[k], d2[k], B[k], w[k], evaluations
+    return best_R, best_t, best_a, best, H[k], residuals[k], M[k], g[k], d2[k], B[k], w[k], evaluations

@@ -87,17 +87,10 @@ class Person:
         """Landmarks (n, 3) in camera axes."""
         return np.asarray((self.neutral + self._moved(pose.animation)) @ pose.R.T + pose.t)
 
-    def residual(self, solution: Solution, landmarks: Mask) -> Float32:
-        """(k, 128): what was seen of k landmarks at full resolution less the mean that was expected there."""
-        tilt, pan = angles = solution.pose.angles
-        appearance = self.face.fine.appearance
-        mean = appearance.mean(kernels.polynomial(tilt, pan, appearance.limit)[0], landmarks)
-        return np.asarray(solution.y[landmarks] - mean - self.adaptation.offset(angles)[landmarks])
-
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed. before: the same of the last frame."""
         eyes = self.eyes
-        return closing_of(self.residual(solution, eyes), self.closing_eyes, solution.facing[eyes], before)
+        return closing_of(solution.residual[eyes], self.closing_eyes, solution.facing[eyes], before)
 
     def adapted(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""
@@ -113,7 +106,7 @@ class Person:
         units do. animation: the last frame's: in this frame's guess an error would excuse itself."""
         error = self.settings.unit_error * level.descriptor.pixels_per_unit * self._moved(animation - self.rest)
         variance = self.variance.copy()
-        variance[:, :2] += (error * error).sum(axis=1, keepdims=True)
+        variance[:, :2] += np.einsum("nk,nk->n", error, error)[:, None]
         return variance
 
     def learn(self, solution: Solution, agreement: Array) -> None:
@@ -127,7 +120,7 @@ class Person:
         moved_along = self.eyes & (agreement > _SAME_PATCH)
         strange = solution.facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
         if strange.any():
-            self.adaptation.learn_eyes(solution.pose.angles, self.residual(solution, strange), strange)
+            self.adaptation.learn_eyes(solution.pose.angles, solution.residual[strange], strange)
         if s.learn_shape:
             self._learn_shape(solution)
 
@@ -138,7 +131,7 @@ class Person:
         strange = solution.facing & (agreement > _SAME_PATCH) & (solution.d2 > s.view_strange_distance * self.expected)
         turned = math.degrees(math.hypot(*(angles - self.adaptation.first))) > s.view_turn_deg
         if turned and strange.any():
-            self.adaptation.learn_view(angles, self.residual(solution, strange), strange)
+            self.adaptation.learn_view(angles, solution.residual[strange], strange)
 
     def _weigh(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""

@@ -101,7 +101,7 @@ class RealtimeTracker:
         self.first = self._reference()
         settled = self._settle(frame)
         self.first = self._reference()
-        return self._estimate(frame, Status.INITIALIZED, settled)
+        return self._estimate(frame, Status.INITIALIZED, settled, familiarity(settled.telling, self.pose.R, self.first.R))
 
     def _reference(self) -> Reference:
         """What rotations are measured from, where the face is now."""
@@ -148,7 +148,7 @@ class RealtimeTracker:
         self.known = still_known(self.known, familiar, same)
         if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
             self.person.learn_view(solution, self.motion.agreement)
-        return self._estimate(frame, status, solution)
+        return self._estimate(frame, status, solution, familiar)
 
     def _surroundings(self, frame: Frame) -> float:
         """How the surroundings of the face agree with those of twelve frames ago."""
@@ -315,10 +315,10 @@ class RealtimeTracker:
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""
         s = self.settings
-        R, t, a, energy, H, y, M, g, d2, B, w, _ = self._posterior(view, predicted).solve(
+        R, t, a, energy, H, residual, M, g, d2, B, w, _ = self._posterior(view, predicted).solve(
             *start.arrays, s.iterations, s.tolerance
         )
-        return Solution(Pose(R, t, a), energy, H, y, M, g, d2, B, w, view.facing)
+        return Solution(Pose(R, t, a), energy, H, residual, M, g, d2, B, w, view.facing)
 
     def _prior(self, predicted: Prediction) -> tuple[Array, ...]:
         """The prior as the kernels take it: about a prediction, and of the animation about its rest. It has heavy tails
@@ -346,8 +346,8 @@ class RealtimeTracker:
             view=view.geometry,
         )  # fmt: skip
 
-    def _estimate(self, frame: Frame, status: Status, solution: Solution) -> Estimate:
-        """The present pose with what the solution says of its landmarks and its error."""
+    def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
+        """The present pose with what the solution says of its landmarks and its error. familiar: see `familiarity`."""
         n = len(LANDMARK_NAMES)
         X, closing = self.person.posed(self.pose)[:n], self.closing
         if closing:
@@ -360,7 +360,7 @@ class RealtimeTracker:
         covariance = state_covariance(
             solution.spread, solution.d2[seen], share, self.pose.R, self.first, relief_sd, learned
         )
-        sure = confidence(covariance, solution.telling, share, self.pose.R, self.first.R, self.known)
+        sure = confidence(covariance, share, familiar, self.known)
         return Estimate(
             frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
             sure, self.fit.mm_per_unit, closing=closing,

@@ -99,7 +99,7 @@ class Solution:
     pose: Pose
     energy: float
     H: Array
-    y: Float32
+    residual: Float32  # (n, 128): what is seen of each landmark less what is expected
     M: Array
     g: Array
     d2: Array

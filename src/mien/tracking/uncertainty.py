@@ -113,18 +113,18 @@ def turn_squared(R: Array, R_first: Array) -> float:
     return max(0.0, 1 - float(R[:, 2] @ R_first[:, 2]) ** 2)
 
 
-def confidence(covariance: Array, d2: Array, seen: float, R: Array, R_first: Array, known: float = 0.0) -> float:
+def confidence(covariance: Array, seen: float, familiar: float, known: float = 0.0) -> float:
     """Probability that the rotation is right to 5 degrees.
 
-    d2: (n,) squared distances of the landmarks that face the camera; seen: share of all landmarks that are seen; known:
-    what `still_known` says. A logistic regression on the spread of the rotation, fitted to measured errors, where
-    enough of the face is seen, times the probability that this is the face of the first frame at all.
+    seen: share of all landmarks that are seen; familiar, known: what `familiarity` and `still_known` say. A logistic
+    regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen, times the
+    probability that this is the face of the first frame at all.
     """
     bias, by_spread = _CONFIDENCE
     least, width = _HARDLY_SEEN
-    right = _logistic(bias + by_spread * math.log(float(np.trace(covariance[:3, :3]))))
-    same = max(familiarity(d2, R, R_first), _STILL_KNOWN * known)
-    return right * _logistic((seen - least) / width) * same
+    spread = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
+    right = _logistic(bias + by_spread * math.log(spread))
+    return right * _logistic((seen - least) / width) * max(familiar, _STILL_KNOWN * known)
 
 
 def familiarity(d2: Array, R: Array, R_first: Array) -> float:
