@@ -129,9 +129,11 @@ class Solution:
         return np.asarray(self.d2[:n][self.facing[:n]])
 
     def share(self, most: float) -> float:
-        """Share of the landmarks that can be seen whose squared distance is at most `most`."""
+        """Share of the landmarks that can be seen whose squared distance is at most `most`; 0 where these are too few
+        to say where a face is."""
         telling = self.telling
-        return np.count_nonzero(telling <= most) / len(telling) if len(telling) >= _LEAST_LANDMARKS else 0.0
+        count = np.count_nonzero(telling <= most)
+        return count / len(telling) if count >= _LEAST_LANDMARKS else 0.0
 
     def misplacement(self, most: float) -> Array:
         """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
