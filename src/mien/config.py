@@ -68,6 +68,7 @@ class RealtimeSettings(Settings):
     tolerance: float = Field(0.7, gt=0, description="least gain of an iteration, in units of the energy")
     crop_roll_deg: float = Field(4.0, gt=0, description="roll of a crop from the face's that asks for another look")
     crop_scale: float = Field(0.05, gt=0, description="the same of its size, as a share")
+    crop_shift: float = Field(0.07, gt=0, description="the same of its place, CANDIDE units")
     robust_factor: float = Field(0.7, gt=0, description="distance over the expected one at which a weight is a quarter")
     jaw_tolerance: float = Field(1.75, gt=0, description="the same for lower lip and chin, times this")
     nose_tolerance: float = Field(1.4, gt=0, description="the same for the nose, which no expression moves")

@@ -381,7 +381,9 @@ def evaluate(
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
     terms = polynomial(tilt, pan, limit)
-    linearize_landmarks(maps, reading, q, coefficients, delta, terms, U, gain, inverse_floor, active, residuals, M, g, d2)
+    linearize_landmarks(
+        maps, reading, q, coefficients, delta, terms, U, gain, inverse_floor, active, residuals, M, g, d2
+    )  # fmt: skip
     energy = add_prior(R, t, a, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
@@ -405,8 +407,8 @@ def evaluate(
 
 
 def room_for(n: int) -> tuple[NDArray[Any], ...]:
-    """Where `solve` puts residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of everything
-    there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
+    """Where `solve` puts residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of
+    everything there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
     shapes = (n, 4, 4), (n, 4), (n,), (n, 4, STATE), (n,), (STATE, STATE), (STATE,)
     return np.zeros((2, n, 128), np.float32), *(np.zeros((2, *shape)) for shape in shapes)
 
@@ -419,8 +421,8 @@ def solve(
     """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. room: see `room_for`.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy,
-    H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was seen, and
-    how often the energy was evaluated.
+    H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was
+    seen, and how often the energy was evaluated.
     """
     residuals, M, g, d2, B, w, H, G = room
     lowest, free = 0, 1

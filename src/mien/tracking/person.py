@@ -13,7 +13,6 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
-from mien.tracking import kernels
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.eyes import closing_of
 from mien.tracking.learning import Level, learn_face

@@ -101,7 +101,8 @@ class RealtimeTracker:
         self.first = self._reference()
         settled = self._settle(frame)
         self.first = self._reference()
-        return self._estimate(frame, Status.INITIALIZED, settled, familiarity(settled.telling, self.pose.R, self.first.R))
+        familiar = familiarity(settled.telling, self.pose.R, self.first.R)
+        return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
     def _reference(self) -> Reference:
         """What rotations are measured from, where the face is now."""
@@ -284,21 +285,22 @@ class RealtimeTracker:
         self, frame: Frame, predicted: Prediction, start: Pose | None = None, view: View | None = None
     ) -> tuple[View, Solution]:
         """The best solution near a pose (the predicted one) at full resolution, with descriptors that are upright
-        there. Where the crop is far from upright, or from the face's size, look again from where the face is."""
+        there. Where the crop was made for a face elsewhere, look again from where it is."""
         start = start or predicted.pose
-        if view is None or not self._is_upright(view, start):
+        if view is None or not self._is_made_for(view, start):
             view = self._look(self.face.fine, frame, start)
         view = replace(view, upright=start)
         solution = self._solve(view, start, predicted)
-        if not self._is_upright(view, solution.pose):
+        if not self._is_made_for(view, solution.pose):
             view = self._look(self.face.fine, frame, solution.pose)
             solution = self._solve(view, solution.pose, predicted)
         return view, solution
 
-    def _is_upright(self, view: View, pose: Pose) -> bool:
-        """Whether the face at a pose has nearly the roll and the size for which the view's crop was made."""
-        roll, scale = view.leaning(pose)
-        return abs(math.degrees(roll)) <= self.settings.crop_roll_deg and abs(scale - 1) <= self.settings.crop_scale
+    def _is_made_for(self, view: View, pose: Pose) -> bool:
+        """Whether the crop of a view was made for a face of nearly the roll, size and place of that at a pose."""
+        s, (roll, scale) = self.settings, view.leaning(pose)
+        upright = abs(math.degrees(roll)) <= s.crop_roll_deg
+        return upright and abs(scale - 1) <= s.crop_scale and view.shift(pose) <= s.crop_shift
 
     def _look(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""

@@ -91,6 +91,11 @@ class View:
         roll = math.remainder(roll_of(pose.R) - self.crop.angle, math.tau)
         return roll, float(self.pose.t[2] / pose.t[2])
 
+    def shift(self, pose: Pose) -> float:
+        """How far across the view a face at a pose is from where the crop was made for it, in CANDIDE units."""
+        (x0, y0, z0), (x, y, z) = self.pose.t.tolist(), pose.t.tolist()
+        return math.hypot(x * z0 / z - x0, y * z0 / z - y0)
+
 
 @dataclass(frozen=True)
 class Solution:
