@@ -21,7 +21,9 @@ assert not first_run._is_kept()
 estimates = run(RealtimeTracker(), small_motion())
 assert all(e.status.success for e in estimates)
 assert first_run._is_kept()
-for kernel, arguments in (first_run.SOLVE, first_run.ALIGN, first_run.TAKE_PATCHES):
+solver = first_run.DESCRIBE, first_run.POLYNOMIAL, first_run.SOLVE
+frame = first_run.RESAMPLE, first_run.TAKE_PATCHES, first_run.ALIGN, first_run.PRODUCTS, first_run.PLACE
+for kernel, arguments in solver + frame:
     assert kernel.signatures == [arguments], kernel
 print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """

@@ -18,10 +18,11 @@ from typing import Any
 
 from numba import types
 
-from mien.tracking import kernels, motion
+from mien.appearance import crop, descriptors
+from mien.tracking import eyes, kernels, motion
 
 _PATIENCE_S = 120
-_BESIDE = "from mien.tracking import first_run; first_run.compile_solve()"
+_BESIDE = "from mien.tracking import first_run; first_run.compile_beside()"
 
 
 def _array(dimensions: int, entry: Any = types.float64) -> Any:
@@ -38,15 +39,21 @@ _VIEW = types.Tuple((_array(1), _array(2), _array(1), _array(2)))
 _PRIOR = types.Tuple((*_POSE, _array(2), _array(1), _array(1)))
 _APPEARANCE = types.Tuple((_single(3), _single(2), _single(3), _single(2), _single(1), _array(1), _array(2)))
 _READING = types.Tuple((types.int64, *[types.float64] * 3))
+_POINT = types.UniTuple(types.float64, 2)
 _ROOM = types.Tuple((_single(3), *(_array(k) for k in (4, 3, 2, 4, 2, 3, 2))))
 _TEMPLATE = types.Tuple((_single(2), _array(1), _single(3), _array(3), _array(3)))
 
 Kernel = tuple[Any, tuple[Any, ...]]
+DESCRIBE: Kernel = descriptors._describe, (_single(3), _array(2), _READING, _single(2), _single(3))
+POLYNOMIAL: Kernel = kernels.polynomial, (types.float64, types.float64, _array(1))
 SOLVE: Kernel = (
     kernels.solve,
     (*_POSE, _single(3), _READING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW,
      types.int64, types.float64, _ROOM),
 )  # fmt: skip
+RESAMPLE: Kernel = crop._resample, (_array(2, types.uint8), _POINT, _POINT, _single(2))
+PRODUCTS: Kernel = eyes._products, (_single(2), _single(3), _array(1, types.boolean))
+PLACE: Kernel = eyes._place, (_array(2), types.float64)
 TAKE_PATCHES: Kernel = motion.take_patches, (_single(2), _PERSON, _array(3), types.Tuple(_POSE), _VIEW)
 ALIGN: Kernel = (
     motion.align,
@@ -55,10 +62,11 @@ ALIGN: Kernel = (
 """Kernels, and the types of what tracking calls them with."""
 
 
-def compile_solve() -> None:
-    """What the other process does."""
+def compile_beside() -> None:
+    """What the other process does: first of what the solver calls that with which the face is learned meanwhile."""
     gc.disable()  # a tenth of its time, for a process that ends soon
-    _compile(SOLVE)
+    for kernel in (DESCRIBE, POLYNOMIAL, SOLVE):
+        _compile(kernel)
 
 
 class CompiledBeside:
@@ -71,11 +79,11 @@ class CompiledBeside:
             weakref.finalize(self, _stop, self.helper)
 
     def finish(self) -> None:
-        """Compile the kernels of motion here, and wait for the other process."""
+        """Compile here what else a frame needs, and wait for the other process."""
         if self.helper is None:
             return
-        _compile(TAKE_PATCHES)
-        _compile(ALIGN)
+        for kernel in (RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE):
+            _compile(kernel)
         with suppress(subprocess.TimeoutExpired):
             self.helper.wait(_PATIENCE_S)
         _stop(self.helper)
