@@ -17,10 +17,11 @@ import numpy as np
 
 from mien.errors import MienError, require, warn
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
-from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
+from mien.geometry.rotation import Array
+from mien.initialization.fit import fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point
-from mien.initialization.looks import expected_errors
+from mien.initialization.looks import expected_errors, rotation_of
 from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate
 from mien.video import Frame, Video, select
@@ -120,12 +121,12 @@ def best_look(
     uncut = takewhile(lambda shot: shot[0] == 0, frames_to_look_at(video, first.time, end))
     later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
-    looks, facing = [landmarks], _into_camera(fit)
+    looks, facing = [landmarks], _into_camera(fit.R, fit.t)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
     for _, face in follow(landmarks, in_time):
         looks.append(face)
-        if not facing and _into_camera(fit_first_frame(face, camera)):
+        if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
             facing, until = True, face.time + _LOOK_SECONDS
     errors = expected_errors(looks, camera, fit.R, fit.t)
     best = looks[int(np.argmin(errors))]
@@ -136,9 +137,9 @@ def best_look(
     return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
 
 
-def _into_camera(fit: FirstFrame) -> bool:
-    """Whether a face is turned so little that it is well learned."""
-    return turned_deg(fit.R, fit.t) <= TURNED_DEG
+def _into_camera(R: Array, t: Array) -> bool:
+    """Whether a face at a pose, R (3, 3) and t (3,), is turned so little that it is well learned."""
+    return turned_deg(R, t) <= TURNED_DEG
 
 
 def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
@@ -174,7 +175,8 @@ class Patience:
             return []
         if self.since is None:
             self.since = frame.time
-        wait = frame.time - self.since < _PATIENCE and not _into_camera(fit_first_frame(faces[0], self.camera))
+        fit = fit_first_frame(faces[0], self.camera)
+        wait = frame.time - self.since < _PATIENCE and not _into_camera(fit.R, fit.t)
         return [] if wait else detect(frame, self.at)
 
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from mien.appearance.crop import Crop, blurred
 from mien.geometry.rotation import Array
@@ -82,6 +83,17 @@ def test_a_ramp_stays_a_ramp(scale: float, angle: float) -> None:
 @pytest.mark.parametrize("scale", [0.4, 1.3])
 def test_near_the_edge_a_ramp_stays_a_ramp(centre: tuple[float, float], scale: float) -> None:
     np.testing.assert_allclose(_misplaced(Crop(centre, scale, 0.3, 50)), 0, atol=0.12)
+
+
+@pytest.mark.parametrize("size", [(HEIGHT, WIDTH), (2, 2), (1, 40), (40, 1), (1, 1)])
+@pytest.mark.parametrize("centre", [(30.2, 20.7), (0.0, 1.0), (-3.3, 60.1), (500.0, -400.0)])
+@pytest.mark.parametrize("scale", [1.0, 2.7])
+def test_values_are_bilinear(size: tuple[int, int], centre: tuple[float, float], scale: float) -> None:
+    gray = np.random.default_rng(0).integers(0, 256, size).astype(np.uint8)
+    crop = Crop(centre, scale, -0.7, 64)
+    u, v = np.moveaxis(_pixels(crop), -1, 0)
+    expected = map_coordinates(gray.astype(float), [v, u], order=1, mode="nearest")
+    np.testing.assert_allclose(crop.sample(_frame(gray)), expected, atol=0.02)
 
 
 def test_beyond_the_edge_the_edge_repeats() -> None:

@@ -8,7 +8,7 @@ import pytest
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
-from mien.initialization.looks import PER_DEGREE, PER_UPPER, expected_errors
+from mien.initialization.looks import PER_DEGREE, PER_UPPER, expected_errors, rotation_of
 from small_motion import face
 
 EYES = np.array([LANDMARK_VERTICES[f"{side}_eye_outer_corner"] for side in ("left", "right")])
@@ -39,6 +39,12 @@ def errors(*looks: Landmarks) -> Array:
 def test_a_face_at_rest_that_looks_into_the_camera() -> None:
     """However large it is, and wherever its roll."""
     np.testing.assert_allclose(errors(look(), look(scale=2), look((0, 0, 30))), 1, atol=1e-6)
+
+
+def test_the_rotation_of_a_look_is_measured_from_the_first() -> None:
+    R, lips = face().fit.R, {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
+    turned = rotation_of(look((8, -20, 5), 2.0, lips), look(), Camera(1e9, 200, 200), R)
+    np.testing.assert_allclose(turned, R @ exp(np.radians((8, -20, 5))), atol=1e-6)
 
 
 @pytest.mark.parametrize("axis", [0, 1])

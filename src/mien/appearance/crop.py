@@ -93,7 +93,7 @@ def _resample(gray: Any, start: Any, step: Any, crop: Any) -> None:
     size = crop.shape[0]
     pixels = gray.ravel()
     along, across = np.float32(step[0]), np.float32(step[1])
-    right, bottom, zero = np.float32(width - 1.001), np.float32(height - 1.001), np.float32(0.0)
+    right, bottom, zero = np.float32(width - 1), np.float32(height - 1), np.float32(0.0)
     at, fx, fy = np.empty(size, np.int32), np.empty(size, np.float32), np.empty(size, np.float32)
     corners = np.empty((4, size), np.uint8)
     for v in range(size):
@@ -102,7 +102,7 @@ def _resample(gray: Any, start: Any, step: Any, crop: Any) -> None:
         for u in range(size):
             x, y = x0 + along * np.float32(u), y0 + across * np.float32(u)
             x, y = min(max(x, zero), right), min(max(y, zero), bottom)
-            ix, iy = np.int32(x), np.int32(y)
+            ix, iy = min(np.int32(x), np.int32(width - 2)), min(np.int32(y), np.int32(height - 2))
             fx[u], fy[u] = x - np.float32(ix), y - np.float32(iy)
             at[u] = iy * np.int32(width) + ix
         for u in range(size):

@@ -76,7 +76,7 @@ class CompiledBeside:
     def __init__(self) -> None:
         self.helper = None if _is_kept() or _processors() < 2 else _start()
         if self.helper is not None:
-            weakref.finalize(self, _stop, self.helper)
+            weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
     def finish(self) -> None:
         """Compile here what else a frame needs, and wait for the other process."""
@@ -87,6 +87,7 @@ class CompiledBeside:
         with suppress(subprocess.TimeoutExpired):
             self.helper.wait(_PATIENCE_S)
         _stop(self.helper)
+        self.helper = None
 
 
 def _compile(kernel: Kernel) -> None:
