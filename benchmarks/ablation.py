@@ -159,7 +159,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "blinks not noticed": _set(closing_share=1e6),
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,
-    "one look a frame": _set(crop_roll_deg=180, crop_scale=10),
+    "one look a frame": _set(crop_roll_deg=180, crop_scale=10, crop_shift=10),
     "descriptors upright for the crop, not for the face": UprightInTheCrop,
     "shape not learned": _set(learn_shape=False),
     "no anchors beside the 26 landmarks": WithoutAnchors,

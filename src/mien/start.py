@@ -175,9 +175,11 @@ class Patience:
             return []
         if self.since is None:
             self.since = frame.time
-        fit = fit_first_frame(faces[0], self.camera)
-        wait = frame.time - self.since < _PATIENCE and not _into_camera(fit.R, fit.t)
-        return [] if wait else detect(frame, self.at)
+        if frame.time - self.since < _PATIENCE:
+            fit = fit_first_frame(faces[0], self.camera)
+            if not _into_camera(fit.R, fit.t):
+                return []
+        return detect(frame, self.at)
 
 
 def find_face(

@@ -67,7 +67,6 @@ def test_the_other_process_ends_with_its_tracker(monkeypatch: pytest.MonkeyPatch
 
 def test_the_other_process_ends_with_this_one() -> None:
     script = """
-import sys
 from mien.tracking import first_run
 
 first_run._BESIDE = "import time; time.sleep(60)"

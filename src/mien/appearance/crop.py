@@ -73,7 +73,7 @@ class Crop:
         x1, y1 = (int(min(max(c + reach, 1), n)) for c, n in zip(self.centre, size, strict=True))
         region = frame.gray_part(slice(y0, max(y1, y0 + 1)), slice(x0, max(x1, x0 + 1)))
         shrink = max(int(1 / self.scale), 1)
-        if shrink > 1 and min(region.shape[:2]) >= shrink:
+        if shrink > 1 and min(region.shape) >= shrink:
             h, w = region.shape[0] // shrink, region.shape[1] // shrink
             part = region[: h * shrink, : w * shrink]
             region = np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
@@ -81,7 +81,7 @@ class Crop:
             shrink = 1
         if min(region.shape) < 2:
             region = np.pad(region, [(0, n < 2) for n in region.shape], mode="edge")
-        return np.ascontiguousarray(region), (x0, y0), shrink
+        return region, (x0, y0), shrink
 
 
 @kernel()
