@@ -27,6 +27,7 @@ from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
 from mien.evaluation.results import SequenceResult, TrackTable
 from mien.evaluation.scores import Score, Scores, pooled_errors
 from mien.evaluation.tables import Table
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
@@ -35,7 +36,7 @@ from mien.tracking import learning, person
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate
-from mien.video import Frame, open_video
+from mien.video import open_video
 
 KINDS = ("uniform", "expression", "light", "occluded", "wide")
 STEP = 3

@@ -26,10 +26,10 @@ from turned_start import begun_at
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.figures import reliability_diagram
 from mien.evaluation.metrics import RIGHT_DEG, reliability
+from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.tracking import realtime, uncertainty
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame
 
 RUNS = 5
 """Runs of every sequence with boards, after one without."""

@@ -18,11 +18,12 @@ import numpy as np
 from recordings import videos_of
 from skimage import data
 
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization import detector
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame, Pixels, open_video
+from mien.video import open_video
 
 FACES_PX = (40, 50, 60, 80, 100, 120, 140, 160, 200)
 PLACES = 3

@@ -21,10 +21,11 @@ from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import TrackTable
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.initialization.detector import detect
 from mien.registry import create_tracker
-from mien.video import Frame, Pixels, open_video
+from mien.video import open_video
 
 FRAMES = 500
 Disturbance = Callable[[list[Pixels]], list[Pixels]]

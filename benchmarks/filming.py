@@ -12,8 +12,8 @@ import numpy as np
 
 from mien.appearance.rendering import Image
 from mien.evaluation.datasets.rendered import CAMERA
+from mien.frame import Pixels
 from mien.geometry.camera import Camera
-from mien.video import Pixels
 
 SIZE = (320, 240)
 NOISE_SD = 2.0

@@ -22,11 +22,12 @@ from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.metrics import mean_absolute_error
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.run import peak_memory_mb
+from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame, open_video
+from mien.video import open_video
 
 FPS = 30
 MINUTES = (0, 1, 5, 10)

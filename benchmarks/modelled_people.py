@@ -20,8 +20,8 @@ from makehuman import MakeHuman, draw
 from spectacles import triangulated
 
 from mien.appearance.rendering import Image
+from mien.frame import Pixels
 from mien.geometry.rotation import FACING, Array, matrix_from_euler
-from mien.video import Pixels
 
 MOTIONS = {
     "uniform1": "a_uniform1", "uniform2": "c_uniform2", "uniform3": "e_uniform3", "expression1": "a_expression1",

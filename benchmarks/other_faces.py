@@ -23,11 +23,12 @@ from mien.appearance.rendering import Texture, render
 from mien.appearance.surface import face_surface
 from mien.errors import MienError
 from mien.evaluation.datasets.rendered import CAMERA
+from mien.frame import Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array
 from mien.initialization.detector import detect
 from mien.initialization.fit import fit_first_frame
-from mien.video import Pixels, open_video
+from mien.video import open_video
 
 MOTIONS = ("a_uniform1", "c_uniform2", "e_uniform3", "c_light1", "a_wide1", "e_wide1")
 """Of `c_light1` only the motion is taken, as `uniform4`."""

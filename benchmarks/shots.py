@@ -24,8 +24,9 @@ from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.evaluation.datasets.sequence import Sequence
+from mien.frame import Pixels
 from mien.geometry.rotation import FACING
-from mien.video import Pixels, open_video
+from mien.video import open_video
 
 SHOT = 45
 """Frames."""

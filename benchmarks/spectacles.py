@@ -17,8 +17,9 @@ import numpy as np
 from filming import write_film
 
 from mien.evaluation.datasets.rendered import CAMERA
+from mien.frame import Pixels
 from mien.geometry.rotation import FACING, Array
-from mien.video import Pixels, open_video
+from mien.video import open_video
 
 RIM_COLOUR = (30, 25, 25)
 RIM_WIDTH = 0.22

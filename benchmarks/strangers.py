@@ -20,10 +20,11 @@ import numpy as np
 from recordings import videos_of
 
 from mien.evaluation.datasets import load_dataset
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization.detector import detect, look
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame, Pixels, open_video
+from mien.video import open_video
 
 SIZE, FACE_PX = (320, 240), 110
 BEFORE, BETWEEN, AFTER = 20, 10, 30

@@ -23,10 +23,10 @@ from mien import pipeline, start
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
+from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.initialization.detector import detect
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame
 
 STEP = 25
 TURNS_DEG = (0, 5, 10, 15, 20, 30, 90)
@@ -65,7 +65,7 @@ class Played:
 
 def as_tracked(run: Run) -> Score:
     """What `mien track` makes of a run: begun in the frame that shows the face best, and played both ways."""
-    begin = start.prepare(Played(run.sequence.video, run.frames), camera=run.sequence.camera)
+    begin = start.prepare(start.Footage(Played(run.sequence.video, run.frames), camera=run.sequence.camera))
     tracker = RealtimeTracker()
     earlier = {estimate.index: estimate for estimate in pipeline.run_back(tracker, begin)}
     onwards = tracker.again() if earlier else tracker

@@ -15,8 +15,8 @@ from mien.baselines.morency import MorencyTracker
 from mien.baselines.surface import Pose, look
 from mien.baselines.xiao import XiaoTracker
 from mien.config import PaperSettings
+from mien.frame import Frame
 from mien.tracking.tracker import PaperTracker
-from mien.video import Frame
 
 
 class LaCasciaWithoutIllumination(LaCasciaTracker):

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 
 from mien.candide.model import TRACKED_UNITS
+from mien.frame import Frame
 from mien.geometry.rotation import Array, angle_between
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Estimate
-from mien.video import Frame
 from small_motion import face
 
 FRAMES = 40

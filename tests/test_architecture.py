@@ -14,6 +14,7 @@ LAYERS = (
     ("_version", "errors"),
     ("files", "compiled", "processes"),
     ("config",),
+    ("frame",),
     ("video",),
     ("geometry",),
     ("candide",),

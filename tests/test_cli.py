@@ -20,12 +20,12 @@ import numpy as np
 import pytest
 
 from mien import cli
+from mien.frame import Frame
 from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import Landmarks, Point
 from mien.output.track import Track
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
-from mien.video import Frame
 from videos import known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
 
 needs_mediapipe = pytest.mark.skipif(importlib.util.find_spec("mediapipe") is None, reason="needs the extra `auto`")

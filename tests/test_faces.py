@@ -15,13 +15,13 @@ import pytest
 import mien
 from mien.errors import MienError, MienWarning
 from mien.faces import Followed, Places, Sighting, _apart, _appearances, _is_known, track_faces
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks, Point, place_of
 from mien.output.track import Track
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
-from mien.video import Frame
 from videos import known_portrait, write_video
 
 COUNT, FPS = 40, 10

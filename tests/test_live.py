@@ -11,12 +11,13 @@ import pytest
 import mien
 from mien import live
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization import detector
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
-from mien.video import FOLDER_FPS, Frame
+from mien.video import FOLDER_FPS
 from videos import known_portrait
 
 FRAMES = 30

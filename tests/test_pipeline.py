@@ -15,11 +15,12 @@ import mien
 from mien import pipeline, start
 from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import Landmarks, Point
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame, open_video
+from mien.video import open_video
 from videos import known_portrait, portrait_images, write_video
 
 
@@ -59,7 +60,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
-    begin = start.prepare(open_video(folder), known_portrait().landmarks)
+    begin = start.prepare(start.Footage(open_video(folder)), known_portrait().landmarks)
     pairs = list(pipeline.run(StillTracker(), begin))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
     assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]
@@ -114,16 +115,19 @@ def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker
     assert track.index.tolist() == [3, 4, 5]
 
 
-def test_camera_is_given_in_one_of_three_ways(tmp_path: Path) -> None:
+def test_camera_is_given_in_one_of_three_ways(folder: Path, tmp_path: Path) -> None:
     frame = Frame(np.zeros((240, 320, 3), np.uint8))
-    assert start.choose_camera(frame) == Camera.from_fov(320, 240, 60)
-    assert start.choose_camera(frame, fov_deg=90).focal_px == pytest.approx(160)
-    assert start.choose_camera(frame, focal_px=300) == Camera(300, 159.5, 119.5)
-    assert start.choose_camera(frame, Camera(1, 2, 3)) == Camera(1, 2, 3)
     (tmp_path / "c.json").write_text('{"focal_px": 1, "cx": 2, "cy": 3}')
-    assert start.choose_camera(frame, tmp_path / "c.json") == Camera(1, 2, 3)
+
+    def camera(given: Camera | Path | None = None, **how: float) -> Camera:
+        return start.Footage(open_video(folder), given, **how).camera_of(frame)
+
+    assert camera() == Camera.from_fov(320, 240, 60)
+    assert camera(fov_deg=90).focal_px == pytest.approx(160)
+    assert camera(focal_px=300) == Camera(300, 159.5, 119.5)
+    assert camera(Camera(1, 2, 3)) == camera(tmp_path / "c.json") == Camera(1, 2, 3)
     with pytest.raises(MienError, match="more than one way"):
-        start.choose_camera(frame, Camera(1, 2, 3), focal_px=5)
+        camera(Camera(1, 2, 3), focal_px=5)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
-from mien.video import FOLDER_FPS, Decoded, Frame, backwards, expected_count, open_video, select
+from mien.frame import Decoded, Frame
+from mien.video import FOLDER_FPS, backwards, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
 

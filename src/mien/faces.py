@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from mien.errors import MienError, require, warn
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks, place_of
@@ -23,9 +24,9 @@ from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, tracked
 from mien.registry import create_tracker
-from mien.start import LOOK_EVERY, Start, frames_to_look_at, prepare
+from mien.start import LOOK_EVERY, Footage, Start, frames_to_look_at, prepare
 from mien.tracking.state import Estimate, Mask, Tracker
-from mien.video import Frame, Video, expected_count, open_video, select
+from mien.video import open_video
 
 _SAME_PLACE, _SAME_SIZE = 0.5, 1.6
 """Distance of two faces' centres, in sizes of the face, and factor of their sizes, below which they are the same."""
@@ -125,13 +126,13 @@ def track_faces(
     Raises MienError for bad input, and where no face detector is installed or no face is found.
     """
     files = Destination.checked(save, overlay, plot, inputs=(video, camera))
-    source = open_video(video)
-    check_passes(passes, source, create_tracker(preset), preset)
+    footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
+    check_passes(passes, footage.video, create_tracker(preset), preset)
+    name, count = footage.video.name, footage.frame_count
     require(faces >= 1, f"{faces} faces to track; give 1 or more")
-    require(source.path is not None, f"{source.name} shows every frame once; several faces need a file")
-    looks = list(_looks(source, start, end))
-    require(any(looks), f"{source.name}: no face was found in it; enlarge or brighten the video")
-    count = expected_count(source, start, end)
+    require(footage.video.path is not None, f"{name} shows every frame once; several faces need a file")
+    looks = list(_looks(footage))
+    require(any(looks), f"{name}: no face was found in it; enlarge or brighten the video")
     together = min(faces, max(map(len, looks)))
 
     def tell(tracks: int, estimate: Estimate) -> None:
@@ -143,17 +144,17 @@ def track_faces(
     for sightings in _appearances(looks):
         if len(found) == faces or _is_known(sightings, found):
             continue
-        begin = _begin(sightings[0], source, (camera, focal_px, fov_deg), (start, end), at_once)
+        begin = _begin(sightings[0], footage, at_once)
         if begin is not None and not _is_known([_seen(begin.landmarks)], found):
             first = Pass(begin, preset, create_tracker(preset), face_id=len(found))
             of_face = replace(files.of_face(len(found)), overlay=None)
             of_face.check(inputs=(video, camera))
-            followed = _follow(first, passes, (start, end), found, of_face, partial(tell, len(found) + 1))
+            followed = _follow(first, passes, found, of_face, partial(tell, len(found) + 1))
             found += [followed] if followed else []
     found = [replace(face, track=_apart(face, found)) for face in found]
-    require(bool(found), f"{source.name}: what looks like a face in it cannot be tracked for a second")
+    require(bool(found), f"{name}: what looks like a face in it cannot be tracked for a second")
     if files.overlay is not None:
-        _draw(files.overlay, select(source, start, end), found, partial(tell, len(found)))
+        _draw(files.overlay, footage.frames(), found, partial(tell, len(found)))
     of_all = {"complete": True, "stopped": None, "faces": len(found), "faces_wanted": faces}
     tracks = [replace(face.track, metadata={**face.track.metadata, **of_all}) for face in found]
     for face_id, track in reversed(list(enumerate(tracks))):  # where the first is complete, all are
@@ -161,11 +162,11 @@ def track_faces(
     return tracks
 
 
-def _looks(video: Video, start: float | None, end: float | None) -> Iterator[list[Sighting]]:
+def _looks(footage: Footage) -> Iterator[list[Sighting]]:
     """The faces that are seen, twice a second, the largest first."""
     from mien.initialization.detector import everybody
 
-    for cuts, frame in frames_to_look_at(video, start, end):
+    for cuts, frame in frames_to_look_at(footage):
         yield [replace(_seen(face), cuts=cuts) for face in everybody(frame)]
 
 
@@ -193,30 +194,23 @@ def _is_known(sightings: Sequence[Sighting], faces: Sequence[Followed]) -> bool:
     return any(face.places.has(seen) for face in faces for seen in sightings)
 
 
-def _begin(
-    seen: Sighting,
-    video: Video,
-    camera: tuple[Camera | str | Path | None, float | None, float | None],
-    part: tuple[float | None, float | None],
-    at_once: bool,
-) -> Start | None:
+def _begin(seen: Sighting, footage: Footage, at_once: bool) -> Start | None:
     """What tracking a face begins with that was seen, from the look before that on; None where a closer look does not
     find it."""
-    start, end = part
     x, y = seen.centre.tolist()
     try:
-        begin = prepare(video, None, *camera, seen.time, end, at_once, (x, y))
+        begin = prepare(replace(footage, start=seen.time), at_once=at_once, face=(x, y))
     except MienError as error:
         warn(f"{error}; it is left out")
         return None
-    before = begin.since - LOOK_EVERY - 1 / video.fps
-    return replace(begin, frames=select(video, start, end), since=max(before, start or 0.0), told=0)
+    before = begin.since - LOOK_EVERY - 1 / footage.video.fps
+    since = max(before, footage.start or 0.0)
+    return replace(begin, footage=footage, frames=footage.frames(), since=since, told=0)
 
 
 def _follow(
     first: Pass,
     passes: int,
-    part: tuple[float | None, float | None],
     others: Sequence[Followed],
     files: Destination,
     tell: Callable[[Estimate], None],
@@ -224,11 +218,11 @@ def _follow(
     """Track a face and write its files; None, and no files, where hardly a frame shows it that no other track has."""
     begin, followed = first.begin, None
     waiting = {"complete": False, "stopped": "the other faces are not tracked yet"}
-    for result, tracker in tracked(first, passes, part, files, tell):
+    for result, tracker in tracked(first, passes, files, tell):
         track = replace(result, metadata={**result.metadata, **waiting})
         followed = Followed(track, Places(track), tracker, begin.camera)
         alone = len(track) - _apart(followed, others).lost
-        if alone < min(_LEAST_SECONDS * begin.video.fps, 0.5 * len(track)):
+        if alone < min(_LEAST_SECONDS * begin.footage.video.fps, 0.5 * len(track)):
             return None
         files.write(track)
     return followed

@@ -7,16 +7,16 @@ for frame, estimate in mien.stream(0):
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
 from mien.registry import create_tracker
-from mien.start import Patience, choose_camera, not_yet
+from mien.start import Footage, Patience, not_yet
 from mien.tracking.state import Estimate, Tracker
-from mien.video import Frame, Video, open_video
+from mien.video import open_video
 
 _DOUBTED = 0.1
 """Confidence below which this is hardly the face that was learned; of a lost one it is 0."""
@@ -42,25 +42,22 @@ def stream(
     Raises MienError for bad input, and where no face detector is installed.
     """
     create_tracker(preset)  # what is wrong with the arguments is told now and not when the first frame is asked for
-    choose = partial(choose_camera, camera=camera, focal_px=focal_px, fov_deg=fov_deg)
-    return _stream(open_video(video), preset, choose, anew_after)
+    return _stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, anew_after)
 
 
-def _stream(
-    video: Video, preset: str, choose: Callable[[Frame], Camera], anew_after: float
-) -> Iterator[tuple[Frame, Estimate]]:
+def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[Frame, Estimate]]:
     patience: Patience | None = None
     tracker: Tracker | None = None
     seen = 0.0
-    for frame in video:
+    for frame in footage.video:
         if patience is None:
-            patience = Patience(choose(frame))
+            patience = Patience(footage.camera_of(frame))
         faces = patience(frame) if tracker is None or frame.time - seen > anew_after else []
         if faces:
             tracker = create_tracker(preset)
             estimate = tracker.initialize(frame, faces[0], patience.camera)
             patience = Patience(patience.camera)
-            warn_of_a_turned_face(estimate, video.name)
+            warn_of_a_turned_face(estimate, footage.video.name)
         else:
             estimate = tracker.track(frame) if tracker else not_yet(frame)
         if estimate.confidence > _DOUBTED:

@@ -19,6 +19,7 @@ from mien._version import __version__
 from mien.config import Settings
 from mien.errors import MienError, require, warn
 from mien.files import checksum, require_writable
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
@@ -28,9 +29,9 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import create_tracker
-from mien.start import TURNED_DEG, Start, prepare
+from mien.start import TURNED_DEG, Footage, Start, prepare
 from mien.tracking.state import Estimate, Status, Tracker
-from mien.video import Frame, Video, backwards, expected_count, open_video, select
+from mien.video import Video, backwards, open_video
 
 if TYPE_CHECKING:
     from mien.output.overlay import Mesh
@@ -97,17 +98,17 @@ def track(
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
     if show:
         require_screen()
-    source = open_video(video)
-    count = expected_count(source, start, end)
+    footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
+    count = footage.frame_count
     total = None if count is None else passes * count
 
     def tell(estimate: Estimate) -> None:
         if progress is not None:
             progress(estimate, total)
 
-    begin = prepare(source, landmarks, camera, focal_px, fov_deg, start, end, at_once, face, tell)
-    check_passes(passes, source, tracker, preset)
-    for result, _ in tracked(Pass(begin, preset, tracker, show=show), passes, (start, end), files, tell):
+    begin = prepare(footage, landmarks, at_once, face, tell)
+    check_passes(passes, footage.video, tracker, preset)
+    for result, _ in tracked(Pass(begin, preset, tracker, show=show), passes, files, tell):
         files.write(result)
     return result
 
@@ -126,18 +127,13 @@ class Pass:
 
 
 def tracked(
-    first: Pass,
-    passes: int,
-    part: tuple[float | None, float | None],
-    files: Destination,
-    tell: Callable[[Estimate], None],
+    first: Pass, passes: int, files: Destination, tell: Callable[[Estimate], None]
 ) -> Iterator[tuple[Track, Tracker]]:
-    """The track after each pass, of which only the last is drawn, and the tracker that has learned from all of it;
-    part: the seconds from and to which there are rows."""
+    """The track after each pass, of which only the last is drawn, and the tracker that has learned from all of it."""
     this = first
     for turn in range(1, passes + 1):
         if turn > 1 and isinstance(this.tracker, RepeatableTracker):
-            begin = replace(this.begin, frames=select(this.begin.video, *part), told=0)
+            begin = replace(this.begin, frames=this.begin.footage.frames(), told=0)
             this = replace(this, begin=begin, tracker=this.tracker.again(), turn=turn)
         result, tracker = _one_pass(this, files, tell, last=turn == passes)
         yield result, tracker
@@ -161,7 +157,7 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
                     recorder.add(estimate)
                     draw(frame, estimate)
                     if estimate.status is Status.INITIALIZED and this.turn == 1:
-                        warn_of_a_turned_face(estimate, begin.video.name)
+                        warn_of_a_turned_face(estimate, begin.footage.video.name)
                     if frame.index >= begin.told and frame.index not in earlier:
                         tell(estimate)
         except BaseException as error:
@@ -225,7 +221,7 @@ def write_first_frame(
     for path in (Path(output), Path(plot)):
         require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
         require_writable(path)
-    begin = prepare(open_video(video), landmarks, camera, focal_px, fov_deg, start, at_once=at_once, face=face)
+    begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera)
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
@@ -239,7 +235,7 @@ def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
     if begin.since < begin.first.time:
         seen = begin.first.time
         tracker.initialize(begin.first, begin.landmarks, begin.camera)
-        for frame in backwards(begin.video, begin.since, begin.first.index):
+        for frame in backwards(begin.footage.video, begin.since, begin.first.index):
             estimate = tracker.track(frame)
             yield estimate
             if estimate.status.success:
@@ -271,7 +267,7 @@ def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate
 
     with ExitStack() as opened:
         writer = opened.enter_context(OverlayWriter(path)) if path else None
-        window = opened.enter_context(Window(this.begin.video.name)) if this.show else None
+        window = opened.enter_context(Window(this.begin.footage.video.name)) if this.show else None
 
         def drawn(frame: Frame, estimate: Estimate) -> None:
             picture = draw(frame, [Shown(estimate, mesh_of(this.tracker, estimate))], this.begin.camera)
@@ -295,18 +291,18 @@ def mesh_of(tracker: Tracker, estimate: Estimate) -> Mesh | None:
 
 def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapping[str, Any]:
     """What is needed to get the same numbers again: the content of NAME.json."""
-    begin, tracker, path = this.begin, this.tracker, this.begin.video.path
+    begin, tracker, video = this.begin, this.tracker, this.begin.footage.video
     values: dict[str, Any] = {
         "mien": __version__,
         "complete": stopped is None,
         "stopped": stopped,
         "frames": recorder.count,
         "video": {
-            "name": begin.video.name,
-            "sha256": None if path is None else checksum(path),
+            "name": video.name,
+            "sha256": None if video.path is None else checksum(video.path),
             "width": begin.first.width,
             "height": begin.first.height,
-            "fps": begin.video.fps,
+            "fps": video.fps,
         },
         "preset": this.preset,
         "passes": this.turn,

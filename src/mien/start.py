@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from mien.errors import MienError, require, warn
+from mien.frame import Frame
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame, turned_deg
@@ -24,7 +25,7 @@ from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import expected_errors, rotation_of
 from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate
-from mien.video import Frame, Video, select
+from mien.video import Video, expected_count, select
 
 _LOOK_SECONDS = 10.0
 """How long a face that looks into the camera is looked at for the frame from which it is best learned."""
@@ -43,12 +44,52 @@ _PATIENCE = 3.0
 
 
 @dataclass(frozen=True)
+class Footage:
+    """What of a video is tracked, and what is known of its camera.
+
+    camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end: seconds;
+    what is at `end` is left out.
+    """
+
+    video: Video
+    camera: Camera | str | Path | None = None
+    focal_px: float | None = None
+    fov_deg: float | None = None
+    start: float | None = None
+    end: float | None = None
+
+    def frames(self) -> Iterator[Frame]:
+        """Its frames, decoded from the beginning; see `select`."""
+        return select(self.video, self.start, self.end)
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames to expect, None where nothing says so."""
+        return expected_count(self.video, self.start, self.end)
+
+    def camera_of(self, frame: Frame) -> Camera:
+        """The camera, of which a frame says how large its images are. Raises MienError where more than one is given."""
+        given = [v for v in (self.camera, self.focal_px, self.fov_deg) if v is not None]
+        require(
+            len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view"
+        )
+        if isinstance(self.camera, Camera):
+            return self.camera
+        if self.camera is not None:
+            return read_camera(Path(self.camera))
+        if self.focal_px is not None:
+            return Camera.centred(self.focal_px, frame.width, frame.height)
+        fov_deg = DEFAULT_FOV_DEG if self.fov_deg is None else self.fov_deg
+        return Camera.from_fov(frame.width, frame.height, fov_deg)
+
+
+@dataclass(frozen=True)
 class Start:
     """All that tracking begins with. first: the frame that the landmarks belong to; frames: all that have a row, the
     first among them; since: seconds, from where on the frames before it are tracked, backwards; told: index of the
     first frame that progress has not heard of, when a face was looked for."""
 
-    video: Video
+    footage: Footage
     first: Frame
     frames: Iterator[Frame]
     landmarks: Landmarks
@@ -58,23 +99,18 @@ class Start:
 
 
 def prepare(
-    source: Video,
+    footage: Footage,
     landmarks: Landmarks | str | Path | None = None,
-    camera: Camera | str | Path | None = None,
-    focal_px: float | None = None,
-    fov_deg: float | None = None,
-    start: float | None = None,
-    end: float | None = None,
     at_once: bool = False,
     face: Point | None = None,
     tell: Callable[[Estimate], None] = lambda estimate: None,
 ) -> Start:
-    """Choose the camera, find the face: where landmarks are given, in their frame; else in the first frame that shows
-    one, and `tell` hears of those before it, or, unless `at_once`, in a later one from which it is better learned. Of
-    several faces the largest, or the one at the point `face`. Raises MienError for bad input."""
-    frames = select(source, start, end)
+    """Find the face: where landmarks are given, in their frame; else in the first frame that shows one, and `tell`
+    hears of those before it, or, unless `at_once`, in a later one from which it is better learned. Of several faces the
+    largest, or the one at the point `face`. Raises MienError for bad input."""
+    source, frames = footage.video, footage.frames()
     earliest = next(frames)
-    chosen = choose_camera(earliest, camera, focal_px, fov_deg)
+    camera = footage.camera_of(earliest)
     again = source.path is not None  # a camera shows every frame once: what came before the face is gone
     told = 0
     if face is not None:
@@ -84,20 +120,20 @@ def prepare(
         require(inside, f"--face {face[0]:g} {face[1]:g} lies outside the image of {size} pixels")
     if landmarks is None:
         search = chain([earliest], frames)
-        patience = None if again or at_once else Patience(chosen, face)
+        patience = None if again or at_once else Patience(camera, face)
         first, landmarks = find_face(search, source.name, lambda frame: tell(not_yet(frame)), patience, face)
         told = first.index
         if again and not at_once:
-            first, landmarks = best_look(first, landmarks, chosen, source, end)
+            first, landmarks = best_look(first, landmarks, camera, footage)
     else:
         if not isinstance(landmarks, Landmarks):
             landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
         first = _frame_of(landmarks, chain([earliest], frames), source)
     landmarks.check(first.width, first.height)
     later = again and first is not earliest
-    frames = select(source, start, end) if later else chain([first], frames)
+    frames = footage.frames() if later else chain([first], frames)
     since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
-    return Start(source, first, frames, _as_written(landmarks), chosen, since, told)
+    return Start(footage, first, frames, _as_written(landmarks), camera, since, told)
 
 
 def not_yet(frame: Frame) -> Estimate:
@@ -105,20 +141,18 @@ def not_yet(frame: Frame) -> Estimate:
     return Estimate.lost(frame, "no face was seen yet")
 
 
-def frames_to_look_at(video: Video, start: float | None, end: float | None) -> Iterator[tuple[int, Frame]]:
+def frames_to_look_at(footage: Footage) -> Iterator[tuple[int, Frame]]:
     """A frame every half second, from the first on, each with how many cuts there were before it."""
-    step = max(1, round(LOOK_EVERY * video.fps))
-    return islice(numbered_by_shot(select(video, start, end)), None, None, step)
+    step = max(1, round(LOOK_EVERY * footage.video.fps))
+    return islice(numbered_by_shot(footage.frames()), None, None, step)
 
 
-def best_look(
-    first: Frame, landmarks: Landmarks, camera: Camera, video: Video, end: float | None = None
-) -> tuple[Frame, Landmarks]:
+def best_look(first: Frame, landmarks: Landmarks, camera: Camera, footage: Footage) -> tuple[Frame, Landmarks]:
     """The frame from which a face is best learned, and its landmarks there: this one, or one of those that follow until
     there is a cut, after which another face may be at the same place."""
     from mien.initialization.detector import follow, refine
 
-    uncut = takewhile(lambda shot: shot[0] == 0, frames_to_look_at(video, first.time, end))
+    uncut = takewhile(lambda shot: shot[0] == 0, frames_to_look_at(replace(footage, start=first.time)))
     later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
     looks, facing = [landmarks], _into_camera(fit.R, fit.t)
@@ -132,7 +166,7 @@ def best_look(
     best = looks[int(np.argmin(errors))]
     if errors[0] - errors.min() < _LEAST_GAIN:
         return first, landmarks
-    frame = next(select(video, best.time))
+    frame = next(select(footage.video, best.time))
     refined = refine(frame, best)
     return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
 
@@ -221,24 +255,6 @@ def find_face(
             f"--face X Y chooses another, and --faces {len(faces)} tracks all of them"
         )
     return first, replace(faces[0], source=f"{name}, detected face")
-
-
-def choose_camera(
-    frame: Frame,
-    camera: Camera | str | Path | None = None,
-    focal_px: float | None = None,
-    fov_deg: float | None = None,
-) -> Camera:
-    """The camera that is given in one of three ways, else one with a field of view of 60 degrees."""
-    given = [v for v in (camera, focal_px, fov_deg) if v is not None]
-    require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
-    if isinstance(camera, Camera):
-        return camera
-    if camera is not None:
-        return read_camera(Path(camera))
-    if focal_px is not None:
-        return Camera.centred(focal_px, frame.width, frame.height)
-    return Camera.from_fov(frame.width, frame.height, DEFAULT_FOV_DEG if fov_deg is None else fov_deg)
 
 
 def read_camera(path: Path) -> Camera:

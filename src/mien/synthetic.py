@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from mien.appearance.rendering import Texture, render
 from mien.candide.model import MOUTH_TRIANGLES
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, matrix_from_euler
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
 from mien.tracking.state import pack, unpack
-from mien.video import Frame, Pixels
 
 PORTRAIT_SIZE = (320, 240)
 PORTRAIT_ZOOM, PORTRAIT_CORNER = 1.25, (97.0, 8.0)

@@ -1,4 +1,4 @@
-"""Frames, and where they come from: a file, a folder of images, a camera.
+"""Where frames come from: a file, a folder of images, a camera.
 
 Times are the container's own time stamps in seconds, also where the frame rate varies. Everything becomes
 RGB with 8 bits, upright as the container's rotation says. A frame whose size differs from the first one's is
@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import itertools
 import math
-import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.errors import MienError, require, warn
+from mien.frame import Decoded, Frame, Pixels
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
@@ -31,101 +29,6 @@ FOLDER_FPS = 25.0
 """Frames per second of a folder of images, which carries no time."""
 HELD_BYTES = 1 << 29
 """How much of a video is held in memory to play it backwards."""
-
-Pixels = NDArray[np.uint8]
-
-
-class Frame:
-    """One image, its index, and its time in seconds.
-
-    What a video decodes becomes RGB when its `pixels` are asked for, and not before: that takes longer than decoding,
-    and tracking asks for the grey of a part alone.
-    """
-
-    def __init__(self, pixels: Pixels | Decoded, index: int = 0, time: float = 0.0) -> None:
-        """pixels: (H, W, 3) uint8 RGB, or what gives them."""
-        self.image, self.index, self.time = pixels, index, time
-        self.height, self.width = (int(n) for n in pixels.shape[:2])
-
-    def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float]]:
-        """To other processes go the pixels: what was decoded stays in its own."""
-        return Frame, (self.pixels, self.index, self.time)
-
-    @cached_property
-    def pixels(self) -> Pixels:
-        """(H, W, 3) uint8 RGB."""
-        return self.image.rgb() if isinstance(self.image, Decoded) else self.image
-
-    @cached_property
-    def _luma(self) -> Pixels | None:
-        return self.image.luma() if isinstance(self.image, Decoded) else None
-
-    @property
-    def brightness(self) -> Pixels:
-        """(H, W) uint8 view of what is there without a conversion: luma where that was decoded, else green."""
-        return self.pixels[..., 1] if self._luma is None else self._luma
-
-    @cached_property
-    def gray(self) -> Pixels:
-        """(H, W) uint8 luminance."""
-        return self.gray_part(slice(None), slice(None))
-
-    def gray_part(self, rows: slice, columns: slice) -> Pixels:
-        """(h, w) uint8 luminance of a part; costs what the part costs."""
-        if self._luma is None:
-            return np.asarray(cv2.cvtColor(self.pixels[rows, columns], cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-        return np.ascontiguousarray(self._luma[rows, columns])
-
-
-@dataclass(frozen=True)
-class Decoded:
-    """An image of PyAV, and what it becomes upright, as its metadata says.
-
-    converter: a VideoReformatter, one for all images of a video: it keeps how to convert, which takes several times as
-    long to find out as to do.
-    """
-
-    image: Any
-    converter: Any
-
-    @cached_property
-    def quarters(self) -> int:
-        """Quarters of a turn, counter-clockwise, that make it upright."""
-        return round(float(self.image.rotation) / 90) % 4
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width, upright."""
-        height, width = int(self.image.height), int(self.image.width)
-        return (width, height) if self.quarters % 2 else (height, width)
-
-    def rgb(self) -> Pixels:
-        """(H, W, 3) uint8."""
-        with _converting:
-            pixels = self.converter.reformat(self.image, format="rgb24").to_ndarray()
-        return np.ascontiguousarray(np.rot90(pixels, self.quarters))
-
-    def luma(self) -> Pixels | None:
-        """(H, W) uint8, a view; None where what was decoded has no luma of eight bits apart from its colour."""
-        plane, width, height = self.image.planes[0], self.image.width, self.image.height
-        if not _has_luma(self.image.format.name) or plane.line_size < width:
-            return None
-        rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
-        return np.rot90(rows[:, :width], self.quarters)
-
-
-_converting = threading.Lock()
-"""A frame may be asked for its pixels in another thread than another one of its video."""
-
-
-@cache
-def _has_luma(name: str) -> bool:
-    """Whether a pixel format of FFmpeg begins with a plane of luma."""
-    from av import VideoFormat
-
-    pixels = VideoFormat(name)
-    first = pixels.components[0]
-    return name == "gray" or bool(pixels.is_planar and first.is_luma and first.plane == 0 and first.bits == 8)
 
 
 class Video(Protocol):

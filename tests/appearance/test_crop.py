@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from mien.appearance.crop import Crop, blurred
+from mien.frame import Frame
 from mien.geometry.rotation import Array
-from mien.video import Frame
 from strategies import vectors
 
 HEIGHT, WIDTH = 72, 96

@@ -20,9 +20,9 @@ from mien.appearance.views import (
     tilt_pan_of,
     view_rotations,
 )
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, angle_between
-from mien.video import Frame
 from small_motion import face
 
 ANGLES = st.floats(-1.2, 1.2)

@@ -9,10 +9,10 @@ import pytest
 
 from mien.baselines.candide_tracker import CandideTracker, Found
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.registry import create_tracker
 from mien.tracking.state import Status
-from mien.video import Frame
 from small_motion import face
 
 

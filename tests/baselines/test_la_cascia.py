@@ -13,10 +13,10 @@ from mien.baselines.la_cascia import (
     warping_templates,
 )
 from mien.baselines.surface import Pose, cylinder, look, take
+from mien.frame import Frame
 from mien.geometry.rotation import angle_between
 from mien.synthetic import make_sequence, moved
 from mien.tracking.state import Status
-from mien.video import Frame
 from small_motion import face, run, small_motion, turn_error_deg
 
 

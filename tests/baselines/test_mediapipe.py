@@ -50,9 +50,9 @@ def test_it_follows_the_portrait() -> None:
     from mien.baselines.mediapipe import MediaPipeTracker
     from mien.evaluation.datasets.sequence import Truth
     from mien.evaluation.protocols import Protocol, compare
+    from mien.frame import Frame
     from mien.synthetic import make_sequence, moved, portrait
     from mien.tracking.state import Status
-    from mien.video import Frame
 
     face = portrait()
     turn = np.linspace(0, 1, 8)[:, None] * np.array([[4.0, 12.0, 6.0]])

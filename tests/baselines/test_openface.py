@@ -10,12 +10,12 @@ import pytest
 from mien.baselines.openface import OpenFaceTracker
 from mien.errors import MienError
 from mien.evaluation.points12 import POINT_NAMES
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
 from mien.output.track import Track
 from mien.registry import create_tracker
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame
 
 FIRST = Landmarks(np.zeros((68, 2)), "ibug68")
 CAMERA = Camera(500, 160, 120)

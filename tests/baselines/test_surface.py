@@ -17,10 +17,10 @@ from mien.baselines.surface import (
     register,
     take,
 )
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, angle_between
 from mien.synthetic import make_sequence, moved
-from mien.video import Frame
 from small_motion import face
 
 

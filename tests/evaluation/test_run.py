@@ -18,11 +18,11 @@ from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.run import run_sequence, time_sequence
 from mien.evaluation.scores import Score
 from mien.evaluation.worst import frame_errors, worst_frames
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame
 
 FIRST = Landmarks(face68(), "ibug68")
 

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
+from mien.frame import Frame, Pixels
 from mien.geometry.rotation import Array
 from mien.initialization import detector
-from mien.video import Frame, Pixels
 from small_motion import face, small_motion
 
 pytest.importorskip("mediapipe", reason="the extra `auto` is not installed")

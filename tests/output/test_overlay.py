@@ -11,12 +11,12 @@ import pytest
 
 from mien.candide.model import Candide
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.output.overlay import HIDDEN, SEEN, Mesh, OverlayWriter, Pixels, Shown, draw, draw_mesh, save_png
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
-from mien.video import Frame
 
 CAMERA = Camera.from_fov(320, 240)
 GREY = Frame(np.full((240, 320, 3), 128, dtype=np.uint8), 4, 0.2)

@@ -13,10 +13,10 @@ import pytest
 
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.output.track import BATCH, Recorder, Track, track_paths
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
-from mien.video import Frame
 
 
 def estimate(index: int, landmarks: int = 3, covariance: bool = True) -> Estimate:

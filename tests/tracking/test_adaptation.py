@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from mien.config import RealtimeSettings
+from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.person import TRACKED
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import Frame
 from small_motion import face, run, turn_error_deg
 
 FIRST = np.array([0.1, -0.2])

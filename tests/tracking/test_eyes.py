@@ -11,13 +11,13 @@ import pytest
 
 from mien.appearance.descriptors import Float32
 from mien.config import RealtimeSettings
+from mien.frame import Frame, Pixels
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.eyes import closing_of
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Closing, Estimate, Mask
-from mien.video import Frame, Pixels
 from small_motion import face, run
 
 N = 4

@@ -11,12 +11,12 @@ import pytest
 
 from mien.appearance.views import rotation
 from mien.config import RealtimeSettings
+from mien.frame import Frame
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.motion import JAW_DROP, Motion, take_patches
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Pose, Prediction, View
-from mien.video import Frame
 from small_motion import face, run
 
 STEP_DEG, STEP = np.array([1.5, -2.0, 1.0]), np.array([0.02, -0.01, 0.0])

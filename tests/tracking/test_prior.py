@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from mien.frame import Frame
 from mien.geometry.rotation import FACING, Array
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.prior import GaussianPrior, state_sd
 from mien.tracking.state import STATE_NAMES, Estimate, Status, pack, unpack
-from mien.video import Frame
 from strategies import animations, head_rotations, head_translations, vectors
 
 

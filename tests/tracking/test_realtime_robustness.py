@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from long_motion import errors_deg, in_order, leaving, sequence, shown
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.synthetic import SyntheticSequence
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame, Pixels
 from small_motion import face, run
 
 CLOSE_DEG = 4.5

@@ -13,6 +13,7 @@ from mien.appearance.regression import PoseRegression
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.errors import MienError
+from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
@@ -20,7 +21,7 @@ from mien.synthetic import make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from mien.tracking.tracker import PaperTracker
-from mien.video import Decoded, Frame, open_video
+from mien.video import open_video
 from small_motion import face, run
 from videos import known_portrait, portrait_images, turn_by_metadata, write_video
 

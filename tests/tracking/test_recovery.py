@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from long_motion import sequence
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.tracking.recovery import Keyframes, _pnp
-from mien.video import Frame
 from small_motion import face
 
 CLOSE = np.array([0.0, 0.0, 3.0])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.frame import Frame
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.scene import Scene, numbered_by_shot
-from mien.video import Frame
 from small_motion import face, run, small_motion
 
 SIZE = (120, 160)

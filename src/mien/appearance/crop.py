@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.compiled import kernel
+from mien.frame import Frame, Pixels
 from mien.geometry.rotation import Array
-from mien.video import Frame, Pixels
 
 Float32 = NDArray[np.float32]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from mien.frame import Pixels
 from mien.geometry.rotation import Array
-from mien.video import Pixels
 
 _MARGIN = 0.8
 """Half of the side of the square that is drawn anew, in widths of the eye."""

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 from mien.appearance.rendering import Texture
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
-from mien.video import Frame
 
 
 def texture_from_frame(

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from mien.appearance.crop import Crop, Float32, blurred
 from mien.appearance.rendering import Texture, render
 from mien.appearance.texture import texture_from_frame
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp
 from mien.initialization.fit import FirstFrame
-from mien.video import Frame
 
 
 def view_rotations(limit_deg: float = 30.0, step_deg: float = 10.0) -> list[Array]:

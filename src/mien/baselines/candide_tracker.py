@@ -13,6 +13,7 @@ from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import crop_of_face, rendered_views
 from mien.candide.model import MOUTH_TRIANGLES
 from mien.errors import require
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -20,7 +21,6 @@ from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Lan
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
 from mien.tracking.tracker import CROP_SIZE_UNITS, in_view
-from mien.video import Frame
 
 VERTICES = list(LANDMARK_VERTICES.values())
 PIXELS_PER_UNIT = 64.0

@@ -21,12 +21,12 @@ from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import view_rotations
 from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
 from mien.baselines.patches import read_patches
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd
-from mien.video import Frame
 
 PATCH_SIZE, PATCH_STEP = 9, 2.0
 VARIANCE_FLOOR = 2e-3

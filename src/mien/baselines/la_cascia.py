@@ -24,12 +24,12 @@ import numpy as np
 
 from mien.baselines.rigid_head import RigidHead
 from mien.baselines.surface import Pose, Surface, Template, View, correlation, cylinder, look, look_first, near, take
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame
 
 ITERATIONS = 12
 SMALLEST_STEP = 5e-4

@@ -13,12 +13,12 @@ import numpy as np
 
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import Array, exp, log, similarity
 from mien.initialization.detector import import_solution, read_faces, silenced
 from mien.initialization.landmarks import Landmarks, rows_by_name, rows_of_scheme
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
-from mien.video import Frame
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install 'mien[auto]' (Python 3.10 to 3.12)"
 NO_FACE = "MediaPipe sees no face"

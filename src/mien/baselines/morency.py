@@ -34,12 +34,12 @@ from mien.baselines.surface import (
     register,
     take,
 )
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between, log
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame
 
 KEYFRAME_SPACING_DEG = 10.0
 KEYFRAMES_USED, MOST_KEYFRAMES = 2, 24

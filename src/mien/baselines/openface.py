@@ -13,10 +13,10 @@ from mien.candide.model import Candide, mm_per_unit
 from mien.errors import require
 from mien.evaluation.points12 import names_of_scheme
 from mien.evaluation.pose_csv import read_pose_csv
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
-from mien.video import Frame
 
 
 class OpenFaceTracker:

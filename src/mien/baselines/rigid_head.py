@@ -9,12 +9,12 @@ import numpy as np
 
 from mien.appearance.crop import Float32
 from mien.baselines.surface import GRAZING, Pose, Surface
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
-from mien.video import Frame
 
 OUT_OF_SIGHT = "the face left the image or turned away"
 NOT_FOUND = "the frame could not be registered with the face"

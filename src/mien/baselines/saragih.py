@@ -33,11 +33,11 @@ from mien.baselines.candide_tracker import (
     views_of_first_frame,
 )
 from mien.baselines.patches import read_patches
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, hat, log
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.state import unpack
-from mien.video import Frame
 
 PATCH_SIZE = 11
 """Side of the patches in crop pixels, odd."""

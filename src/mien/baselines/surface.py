@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from mien.appearance.crop import Float32
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.initialization.fit import FirstFrame
 from mien.tracking.state import Mask
-from mien.video import Frame
 
 ROWS, COLUMNS = 48, 48
 """Points of the surface: one for about every four pixels of a face 60 pixels wide."""

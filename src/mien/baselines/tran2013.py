@@ -33,12 +33,12 @@ from mien.baselines.candide_tracker import (
     views_of_first_frame,
 )
 from mien.baselines.patches import read_patches
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd
-from mien.video import Frame
 
 PATCH_SIZE, PATCH_STEP = 7, 2.5
 VIEW_ANGLES_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)

@@ -32,12 +32,12 @@ from mien.baselines.surface import (
     register,
     take,
 )
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
-from mien.video import Frame
 
 LEAST_CORRELATION = 0.7
 """Below it the frame does not show what the template shows."""

@@ -18,12 +18,13 @@ from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
 from mien.pipeline import FittedTracker
 from mien.tracking.state import Estimate, Status, Tracker
-from mien.video import Frame, open_video
+from mien.video import open_video
 
 WARM_UP_FRAMES = 2
 MAXIMUM_TIMED_FRAMES = 1000

@@ -25,9 +25,9 @@ import cv2
 import numpy as np
 
 from mien.errors import MienError
+from mien.frame import Frame, Pixels
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Point, place_of
-from mien.video import Frame, Pixels
 
 NO_DETECTOR = (
     "no landmarks were given and no face detector is installed: install it with "

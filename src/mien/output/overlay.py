@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from mien.errors import require
 from mien.files import named_errors, temporary_beside, whole_file
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.tracking.state import Estimate, TrackedLandmarks
-from mien.video import Frame, Pixels
 
 SMALLEST_WIDTH = 640
 """Narrower frames are enlarged by a whole factor before they are drawn upon, so that the mesh stays fine."""

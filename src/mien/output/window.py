@@ -9,7 +9,7 @@ from types import TracebackType
 import cv2
 
 from mien.errors import MienError, require
-from mien.video import Pixels
+from mien.frame import Pixels
 
 _KEYS = (27, ord("q"))
 """Escape and q end it."""

@@ -18,12 +18,12 @@ from mien.appearance.surface import Surface, face_surface, on_surface
 from mien.appearance.texture import texture_of_vertices
 from mien.appearance.views import CENTRE, crop_of_face, rotation
 from mien.config import DescriptorSettings, RealtimeSettings
+from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels
-from mien.video import Frame, Pixels
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from mien.appearance.descriptors import Float32
 from mien.config import RealtimeSettings
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
@@ -19,7 +20,6 @@ from mien.tracking.learning import Level, learn_face
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
 from mien.tracking.state import Closing, Mask
-from mien.video import Frame
 
 _ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
 TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}

@@ -11,6 +11,7 @@ import numpy as np
 from mien.appearance.crop import is_blank
 from mien.candide.model import Candide, closed_lids, with_eyes_closed
 from mien.config import RealtimeSettings
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
@@ -40,7 +41,6 @@ from mien.tracking.uncertainty import (
     still_known,
     turn_squared,
 )
-from mien.video import Frame
 
 _UPPER_LIDS, _LOWER_LIDS = (
     [LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.views import crop_camera, crop_of_face
 from mien.errors import MienError
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
 from mien.initialization.detector import look
 from mien.initialization.fit import FirstFrame
-from mien.video import Frame
 
 KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size
 _CROP_UNITS = 2.0

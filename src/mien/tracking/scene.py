@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.frame import Frame
 from mien.geometry.rotation import Array
-from mien.video import Frame
 
 _ROWS, _COLUMNS = 24, 32
 """Cells of the grid, at least, where the frame has as many pixels."""

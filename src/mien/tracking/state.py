@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.candide.model import TRACKED_UNITS
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, euler_from_matrix, euler_jacobian, exp, log
 from mien.initialization.landmarks import Landmarks
-from mien.video import Frame
 
 STATE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz", *TRACKED_UNITS)
 """The twelve entries of the state b, Eq. (2)."""

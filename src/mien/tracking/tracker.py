@@ -12,6 +12,7 @@ from mien.appearance.gaussian import Gaussians
 from mien.appearance.views import crop_of_face, rendered_views, view_rotations
 from mien.candide.model import Candide
 from mien.config import DescriptorSettings, PaperSettings
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -21,7 +22,6 @@ from mien.tracking.optimizers import Simplex
 from mien.tracking.posterior import Posterior
 from mien.tracking.prior import GaussianPrior, state_sd
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
-from mien.video import Frame
 
 VERTICES = list(LANDMARK_VERTICES.values())
 CROP_SIZE_UNITS = 2.4
