@@ -19,7 +19,7 @@ from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.geometry.rotation import Array
-from mien.initialization.fit import fit_first_frame, turned_deg
+from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import expected_errors, rotation_of
@@ -196,7 +196,7 @@ class Patience:
     def __init__(self, camera: Camera, at: Point | None = None) -> None:
         """at: pixels; only a face there is waited for."""
         self.camera, self.at = camera, at
-        self.since: float | None = None
+        self.met: tuple[Landmarks, FirstFrame] | None = None  # the face when it came, and where it looked
 
     def __call__(self, frame: Frame) -> list[Landmarks]:
         """The faces of a frame, the largest first, if it is one to begin with. Raises MienError where MediaPipe is not
@@ -205,14 +205,12 @@ class Patience:
 
         faces = look(frame, self.at)
         if not faces:
-            self.since = None
+            self.met = None
             return []
-        if self.since is None:
-            self.since = frame.time
-        if frame.time - self.since < _PATIENCE:
-            fit = fit_first_frame(faces[0], self.camera)
-            if not _into_camera(fit.R, fit.t):
-                return []
+        first, fit = self.met = self.met or (faces[0], fit_first_frame(faces[0], self.camera))
+        waited = frame.time - first.time
+        if waited < _PATIENCE and not _into_camera(rotation_of(faces[0], first, self.camera, fit.R), fit.t):
+            return []
         return detect(frame, self.at)
 
 
