@@ -69,7 +69,9 @@ class RealtimeSettings(Settings):
     crop_roll_deg: float = Field(4.0, gt=0, description="roll of a crop from the face's that asks for another look")
     crop_scale: float = Field(0.05, gt=0, description="the same of its size, as a share")
     crop_shift: float = Field(0.07, gt=0, description="the same of its place, CANDIDE units")
-    robust_factor: float = Field(0.7, gt=0, description="distance over the expected one at which a weight is a quarter")
+    robust_factor: float = Field(
+        0.75, gt=0, description="distance over the expected one at which a weight is a quarter"
+    )
     jaw_tolerance: float = Field(1.75, gt=0, description="the same for lower lip and chin, times this")
     nose_tolerance: float = Field(1.4, gt=0, description="the same for the nose, which no expression moves")
     expected_distance: float = Field(25.0, gt=0, description="squared distance of a landmark, until measured")
@@ -92,7 +94,7 @@ class RealtimeSettings(Settings):
     motion_grid: int = Field(7, ge=2, description="points along a side of a patch whose motion is measured")
     motion_patch: float = Field(0.2, gt=0, description="half of that side, CANDIDE units")
     motion_iterations: int = Field(8, ge=1)
-    motion_robust_factor: float = Field(2.0, gt=0, description="residual over the usual one: weight a quarter")
+    motion_robust_factor: float = Field(1.2, gt=0, description="residual over the usual one: weight a quarter")
     motion_noise: float = Field(100.0, gt=0, description="variance of the measured motion, over independent pixels'")
     motion_rotation_deg: float = Field(0.32, ge=0, description="its systematic error: standard deviation by frame")
     motion_translation: float = Field(0.0085, ge=0)

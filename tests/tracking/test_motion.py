@@ -108,6 +108,51 @@ def test_a_picture_that_dissolves_into_another_is_the_same_from_frame_to_frame_a
     assert later[-1] > 0.95  # the other picture, which stays
 
 
+def test_a_face_that_was_hidden_is_known_again_where_it_looks_as_before(tracker: RealtimeTracker) -> None:
+    """However long something else was there; and once, so that a later doubt is another one."""
+    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
+    other = np.random.default_rng(0).normal(0, 40, view.image.shape).astype(np.float32)
+    other = cv2.GaussianBlur(other, (0, 0), 2) * 6 + 128
+    person, weight = tracker.person.arrays, np.ones(len(tracker.person.neutral))
+    motion = Motion(tracker.face.patches, tracker.settings)
+
+    def again(*images: Array) -> list[bool]:
+        found = []
+        for image in images:
+            motion.remember(image.astype(np.float32), person, tracker.pose.arrays, view.geometry, weight)
+            found.append(motion.is_again(0.85))
+        return found
+
+    assert again(*[view.image] * 13) == [False] * 13  # nothing is kept
+    assert again(other) == [False]
+    motion.keep()
+    assert again(*[other] * 40, 0.5 * view.image + 0.5 * other) == [False] * 41
+    assert again(view.image, view.image) == [True, False]
+
+
+@pytest.mark.parametrize(("surroundings", "known"), [(1.0, True), (0.5, False)])
+def test_a_known_face_is_known_again_after_a_single_frame_of_something_else(
+    surroundings: float, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless its surroundings have changed. It does not look as in the first frame, so that familiarity cannot tell."""
+    tracker = RealtimeTracker()
+    first = two_frames().frames[0]
+    tracker.initialize(first, face().landmarks, face().camera)
+    monkeypatch.setattr("mien.tracking.realtime.familiarity", lambda *of: 0.0)
+    for _ in range(14):
+        tracker.track(first)
+    before = tracker.known
+    with monkeypatch.context() as doubt:
+        doubt.setattr("mien.tracking.realtime.is_same", lambda *of, surroundings: False)
+        doubt.setattr(tracker, "_surroundings", lambda frame: surroundings)
+        tracker.track(first)
+    doubted = tracker.known
+    tracker.track(first)
+    assert before > 0.9
+    assert doubted == 0
+    assert (tracker.known > 0.9) is known
+
+
 def test_what_looks_strange_everywhere_is_compared_everywhere(tracker: RealtimeTracker) -> None:
     """Weights of nothing but strange landmarks say that they can be seen, no more."""
     view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)

@@ -62,6 +62,7 @@ class Motion:
         self.agreement = np.ones(len(patches))
         self.seen: deque[tuple[Array, Array]] = deque(maxlen=LOOK_BACK + 1)
         self.later: deque[float] = deque(maxlen=_LASTING)
+        self.kept: tuple[Array, Array] | None = None
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
@@ -86,6 +87,19 @@ class Motion:
         np.minimum(self.agreement, correlation, out=self.agreement)
         self.later.append(_median((earlier * patches).sum(axis=1), np.minimum(earlier_weight, weight)))
         return _median(correlation, last_weight), max(self.later)
+
+    def keep(self, wanted: bool = True) -> None:
+        """Keep the patches of 12 frames ago, before something came between; or, unless they are wanted, none."""
+        self.kept = self.seen[0] if wanted else None
+
+    def is_again(self, least: float) -> bool:
+        """Whether the face shows the patches that were kept, by their median correlation; once."""
+        if self.kept is None:
+            return False
+        (kept, kept_weight), (patches, weight) = self.kept, self.seen[-1]
+        again = _median((kept * patches).sum(axis=1), np.minimum(kept_weight, weight)) > least
+        self.kept = None if again else self.kept
+        return again
 
     def measure(
         self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]

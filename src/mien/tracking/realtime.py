@@ -37,6 +37,7 @@ from mien.tracking.uncertainty import (
     familiarity,
     frame_variance,
     is_same,
+    may_be_hidden,
     state_covariance,
     still_known,
     turn_squared,
@@ -97,7 +98,7 @@ class RealtimeTracker:
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = self.doubted_frames = 0
-        self.known = 1.0
+        self.known = self.known_then = 1.0
         self.first = self._reference()
         settled = self._settle(frame)
         self.first = self._reference()
@@ -146,6 +147,11 @@ class RealtimeTracker:
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         agreements = self._remember(frame, view, solution)
         same = is_same(familiar, *agreements, surroundings=lambda: self._surroundings(frame))
+        if not same and self.known > _KNOWN:
+            self.known_then = self.known
+            self.motion.keep(may_be_hidden(agreements[0], self._surroundings(frame)))
+        elif self.known < _KNOWN and self.motion.is_again(SAME_LATER):
+            self.known = self.known_then
         self.known = still_known(self.known, familiar, same)
         if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
             self.person.learn_view(solution, self.motion.agreement)

@@ -147,6 +147,12 @@ def is_same(familiar: float, agreement: float, agreement_later: float, surroundi
     return (agreement > _SAME and later > SAME_LATER) or surroundings() > _SAME_SCENE
 
 
+def may_be_hidden(agreement: float, surroundings: float) -> bool:
+    """Whether a face that is no longer the same, as of `is_same`, may be behind a hand, and known again when that has
+    gone: nothing has jumped since the frame before, as it does in a cut, and the surroundings are as they were."""
+    return agreement > _SAME and surroundings > _SAME_SCENE
+
+
 def still_known(known: float, familiar: float, same: bool) -> float:
     """Probability that it is known whose face this is, from that of the last frame, its familiarity, and whether it is
     the same face as there."""
