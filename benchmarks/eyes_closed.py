@@ -34,7 +34,8 @@ def told(run: Run) -> Array:
     if truth is None:  # a data set without expression
         truth = np.zeros(len(run.frames))
     estimates = (estimate.closing for estimate in track(RealtimeTracker(), run))
-    return np.array([(t, e.share, e.sd) for t, e in zip(truth, estimates, strict=True) if e is not None])
+    figures = [(t, e.share, e.sd) for t, e in zip(truth, estimates, strict=True) if e is not None]
+    return np.array(figures).reshape(-1, 3)  # none where the eyes were closed to begin with
 
 
 def row(kind: str, figures: Array) -> str:
