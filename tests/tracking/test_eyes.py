@@ -156,8 +156,10 @@ def test_a_blink_is_no_nod() -> None:
     assert np.delete(told, np.arange(blink.start, blink.stop)).max() < 0.1
     tilt = _tilt_deg(estimates)
     nod = np.abs(tilt[blink] - tilt[FIRST_BLINK - 1])
-    unnoticed = _tilt_deg(run(RealtimeTracker(RealtimeSettings(closing_share=9.0)), _blinking()))
-    assert nod.mean() < 0.2  # with lids that are believed and motion that follows them 0.31
-    assert nod.mean() < 0.8 * np.abs(unnoticed[blink] - unnoticed[FIRST_BLINK - 1]).mean()
+    # One that believes lids, and patches that move with them: a stricter weight of the motion stops a part of the nod.
+    believing = RealtimeSettings(closing_share=9.0, motion_robust_factor=2.0)
+    unnoticed = _tilt_deg(run(RealtimeTracker(believing), _blinking()))
+    assert nod.mean() < 0.7 * np.abs(unnoticed[blink] - unnoticed[FIRST_BLINK - 1]).mean()
+    assert nod.mean() < 0.2
     after = slice(blink.stop + 1, None)
     assert np.abs(tilt[after] - unnoticed[after]).max() < 0.25

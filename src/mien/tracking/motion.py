@@ -98,7 +98,8 @@ class Motion:
             return False
         (kept, kept_weight), (patches, weight) = self.kept, self.seen[-1]
         again = _median((kept * patches).sum(axis=1), np.minimum(kept_weight, weight)) > least
-        self.kept = None if again else self.kept
+        if again:
+            self.kept = None
         return again
 
     def measure(
