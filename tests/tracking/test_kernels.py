@@ -14,7 +14,7 @@ from mien.appearance.crop import blurred
 from mien.appearance.descriptors import describe, orientation_maps
 from mien.appearance.views import rotation, tilt_pan_of
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, log
+from mien.geometry.rotation import FACING, Array, exp, log, ray_rotation
 from mien.tracking import kernels
 from mien.tracking.optimizers import Simplex
 from strategies import rotation_vectors, rotations, vectors
@@ -137,6 +137,32 @@ def test_small_linear_algebra() -> None:
     A, B, H, b = rng.normal(size=(4, 3)), rng.normal(size=(4, 12)), _positive(rng, 12), rng.normal(size=12)
     np.testing.assert_allclose(kernels.transposed_product(A, B), A.T @ B, atol=1e-12)
     np.testing.assert_allclose(kernels.solve_positive(H.copy(), b), np.linalg.solve(H, b), rtol=1e-6)
+
+
+@FEW
+@given(rotations(), vectors(-1, 1))
+def test_the_ray_to_a_point_of_the_head(R: Array, point: Array) -> None:
+    t = np.array([0.3, -0.2, 6.0])
+    np.testing.assert_allclose(kernels.ray_to(point, R, t), ray_rotation(R @ point + t), atol=1e-12)
+
+
+def test_a_step_between_poses_leads_from_one_to_the_other() -> None:
+    R, t, a = _random_pose(5)
+    other = _stepped(R, t, a, AWAY)
+    np.testing.assert_allclose(kernels.step_between(R, t, a, *other), AWAY, atol=1e-12)
+
+
+def test_what_an_error_of_the_animation_does_to_the_landmarks() -> None:
+    (_, units), a, variance = _random_person(6), _random_pose(6)[2], np.random.default_rng(6).uniform(size=(N, 4))
+    moved = np.tensordot(a, units, axes=1)
+    found = kernels.misplaced(variance, units, a)
+    np.testing.assert_allclose(found[:, :2], variance[:, :2] + (moved**2).sum(axis=1, keepdims=True))
+    np.testing.assert_array_equal(found[:, 2:], variance[:, 2:])
+
+
+def test_rest_is_firmest_where_nothing_has_moved() -> None:
+    found = kernels.firm(np.array([1.0, 2.0, 1.0]), np.array([0.0, 1.0, 1e6]), 8.0, 3.0)
+    np.testing.assert_allclose(found, [27, 30, 3])
 
 
 def test_temper_against_the_dense_formula() -> None:

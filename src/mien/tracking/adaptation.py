@@ -42,6 +42,7 @@ class Adaptation:
         self.slope = np.zeros((2, n * _ENTRIES), np.float32)  # by tilt and by pan
         self.views = np.zeros((_TILTS * _PANS, n * _ENTRIES), np.float32)
         self.learned = np.zeros((_TILTS * _PANS, n), np.float32)
+        self.near = math.radians(settings.view_turn_deg)
         self.nothing = np.zeros((n, _ENTRIES), np.float32)
         self.begun = False
 
@@ -49,8 +50,9 @@ class Adaptation:
         """(n, 128) at a tilt and pan (2,)."""
         if not self.begun:
             return self.nothing
-        offset = (angles - self.first).astype(np.float32) @ self.slope
-        _add_near(self._near(angles), self.views, offset)
+        turn = angles - self.first
+        offset = turn.astype(np.float32) @ self.slope
+        _add_near(turn, self.near, self.views, offset)
         return np.asarray(offset.reshape(self.nothing.shape))
 
     def share(self, angles: Array) -> Float32:
@@ -59,7 +61,7 @@ class Adaptation:
         share = np.zeros(len(self.nothing), np.float32)
         if not self.begun:
             return share
-        _add_near(self._near(angles), self.learned, share)
+        _add_near(angles - self.first, self.near, self.learned, share)
         return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
@@ -75,7 +77,7 @@ class Adaptation:
     def learn_view(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """The same of a face that has turned away from the first frame's view."""
         self.begun = True
-        near = self._near(angles)
+        near = _near(angles - self.first, self.near)
         missing = (1 - self.share(angles)) * strange
         change = np.zeros_like(self.nothing)
         change[strange] = residual
@@ -84,32 +86,34 @@ class Adaptation:
             self.views[k] += step * weight * change.ravel()
             self.learned[k] += step * weight * missing
 
-    def _near(self, angles: Array) -> tuple[tuple[int, float], ...]:
-        """The four views about a tilt and pan (2,), and what each counts there: bilinear between them, and the less the
-        nearer the first frame's view is."""
-        tilt, pan = (angles - self.first).tolist()
-        away = 1 - math.exp(-0.5 * (tilt * tilt + pan * pan) / math.radians(self.settings.view_turn_deg) ** 2)
-        row, down = _place(tilt, _TILTS)
-        column, right = _place(pan, _PANS)
-        k = row * _PANS + column
-        return (
-            (k, away * (1 - down) * (1 - right)),
-            (k + 1, away * (1 - down) * right),
-            (k + _PANS, away * down * (1 - right)),
-            (k + _PANS + 1, away * down * right),
-        )
+
+@kernel()
+def _near(turn: Any, near: float) -> Any:
+    """The four views about a turn (2,) from the first frame's, in tilt and pan, and what each counts there: bilinear
+    between them, and the less the nearer the first frame's view is, within `near` radians."""
+    away = 1 - np.exp(-0.5 * (turn[0] * turn[0] + turn[1] * turn[1]) / (near * near))
+    row, down = _place(turn[0], _TILTS)
+    column, right = _place(turn[1], _PANS)
+    k = row * _PANS + column
+    return (
+        (k, away * (1 - down) * (1 - right)),
+        (k + 1, away * (1 - down) * right),
+        (k + _PANS, away * down * (1 - right)),
+        (k + _PANS + 1, away * down * right),
+    )
 
 
 @kernel()
-def _add_near(near: Any, views: Any, total: Any) -> None:
-    """Add to total (m,) those of the views (v, m) that are near, by what they count."""
-    for k, weight in near:
+def _add_near(turn: Any, near: float, views: Any, total: Any) -> None:
+    """Add to total (m,) those of the views (v, m) that are about a turn (2,), by what they count."""
+    for k, weight in _near(turn, near):
         view, share = views[k], np.float32(weight)
         for i in range(total.size):
             total[i] += share * view[i]
 
 
-def _place(angle: float, count: int) -> tuple[int, float]:
+@kernel()
+def _place(angle: float, count: int) -> Any:
     """Index of the view before an angle, of `count` in a row about 0, and how far it is to the next, in [0, 1]."""
     place = min(max(angle / _SPACING + (count - 1) / 2, 0.0), count - 1.0)
     before = min(int(place), count - 2)

@@ -35,6 +35,21 @@ def view_angles(M: Any) -> Any:
 
 
 @kernel()
+def ray_to(point: Any, R: Any, t: Any) -> Any:
+    """`geometry.rotation.ray_rotation` (3, 3) of a point (3,) in head axes at a pose."""
+    x, y, z = rotated(R, point[0], point[1], point[2])
+    x, y, z = x + t[0], y + t[1], z + t[2]
+    length = np.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    k = 1.0 / (1.0 + z)
+    ray = np.empty((3, 3))
+    ray[0, 0], ray[0, 1], ray[0, 2] = 1.0 - k * x * x, -k * x * y, x
+    ray[1, 0], ray[1, 1], ray[1, 2] = -k * x * y, 1.0 - k * y * y, y
+    ray[2, 0], ray[2, 1], ray[2, 2] = -x, -y, z
+    return ray
+
+
+@kernel()
 def angles_along(ray: Any, R: Any) -> Any:
     """`view_angles` of a head with rotation R (3, 3) that is seen along a ray, given by the rotation (3, 3) from the
     optical axis to it."""
@@ -68,24 +83,61 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 
 
 @kernel()
-def place(i: int, person: Any, around: Any, R: Any, t: Any, a: Any, view: Any, q: Any, Y: Any) -> None:
-    """Points around (m, 3) landmark i, relative to it in head axes: q (m, 2) in the crop, and Y (m, 3) turned into
-    camera axes but not moved."""
-    neutral, units = person
+def lens_of(view: Any) -> Any:
+    """What a view makes of a point in camera axes, as numbers, which are faster to hand on than arrays: focal length,
+    principal point, and the similarity from image to crop, its linear part row by row and its offset."""
     camera, linear, offset, _ = view
-    c0, c1, c2 = neutral[i, 0], neutral[i, 1], neutral[i, 2]
+    similarity = linear[0, 0], linear[0, 1], linear[1, 0], linear[1, 1], offset[0], offset[1]
+    return camera[0], camera[1], camera[2], *similarity
+
+
+@kernel()
+def moved(i: int, units: Any, a: Any) -> Any:
+    """How far an animation moves landmark i: three coordinates in head axes."""
+    x, y, z = 0.0, 0.0, 0.0
     for k in range(a.size):
-        c0 += a[k] * units[k, i, 0]
-        c1 += a[k] * units[k, i, 1]
-        c2 += a[k] * units[k, i, 2]
-    for j in range(around.shape[0]):
-        h0, h1, h2 = c0 + around[j, 0], c1 + around[j, 1], c2 + around[j, 2]
-        for r in range(3):
-            Y[j, r] = R[r, 0] * h0 + R[r, 1] * h1 + R[r, 2] * h2
-        scale = camera[0] / max(Y[j, 2] + t[2], 0.1)
-        u, v = scale * (Y[j, 0] + t[0]) + camera[1], scale * (Y[j, 1] + t[1]) + camera[2]
-        q[j, 0] = linear[0, 0] * u + linear[0, 1] * v + offset[0]
-        q[j, 1] = linear[1, 0] * u + linear[1, 1] * v + offset[1]
+        x += a[k] * units[k, i, 0]
+        y += a[k] * units[k, i, 1]
+        z += a[k] * units[k, i, 2]
+    return x, y, z
+
+
+@kernel()
+def landmark(i: int, person: Any, a: Any) -> Any:
+    """Landmark i of a face with an animation: three coordinates in head axes."""
+    neutral, units = person
+    x, y, z = moved(i, units, a)
+    return neutral[i, 0] + x, neutral[i, 1] + y, neutral[i, 2] + z
+
+
+@kernel()
+def rotated(R: Any, x: float, y: float, z: float) -> Any:
+    """R h of a point in head axes."""
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@kernel()
+def in_crop(Y: Any, t: Any, lens: Any) -> Any:
+    """(u, v) in the crop of a point R h = Y, three numbers."""
+    f, cx, cy, l00, l01, l10, l11, o0, o1 = lens
+    scale = f / max(Y[2] + t[2], 0.1)
+    u, v = scale * (Y[0] + t[0]) + cx, scale * (Y[1] + t[1]) + cy
+    return l00 * u + l01 * v + o0, l10 * u + l11 * v + o1
+
+
+@kernel()
+def differentiate(gu: float, gv: float, Y: Any, t: Any, lens: Any) -> Any:
+    """Derivative, six numbers, by the rotation and translation of a pose step of what has the gradient (gu, gv) by crop
+    pixel, at a point R h = Y. The last three are that by the point itself."""
+    f, _, _, l00, l01, l10, l11, _, _ = lens
+    scale = f / max(Y[2] + t[2], 0.1)
+    x, y = (l00 * gu + l10 * gv) * scale, (l01 * gu + l11 * gv) * scale
+    z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) * scale / f
+    return Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x, x, y, z
 
 
 @kernel()
@@ -105,47 +157,22 @@ def visible(X: Any, normals: Any, R: Any, camera: Any, width: int, height: int, 
 
 
 @kernel()
-def differentiate(gu: Any, gv: Any, t: Any, Y: Any, view: Any, row: Any) -> None:
-    """Derivative (6,) by the rotation and translation of a pose step of what has the gradient (gu, gv) by crop pixel,
-    at a point R h = Y (3,). The last three are that by the point itself."""
-    camera, linear = view[0], view[1]
-    scale = camera[0] / max(Y[2] + t[2], 0.1)
-    x = (linear[0, 0] * gu + linear[1, 0] * gv) * scale
-    y = (linear[0, 1] * gu + linear[1, 1] * gv) * scale
-    z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) * scale / camera[0]
-    row[0], row[1], row[2] = Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x
-    row[3], row[4], row[5] = x, y, z
-
-
-@kernel()
-def turn_units(i: int, units: Any, R: Any, turned: Any) -> None:
-    """How the units (6, n, 3) move landmark i, in camera axes: (6, 3)."""
-    for k in range(units.shape[0]):
-        for r in range(3):
-            turned[k, r] = R[r, 0] * units[k, i, 0] + R[r, 1] * units[k, i, 1] + R[r, 2] * units[k, i, 2]
-
-
-@kernel()
-def extend(row: Any, turned: Any) -> None:
-    """Fill the animation's part of a derivative (12,) by pose step, from that by the point, which the units move."""
-    for k in range(turned.shape[0]):
-        row[6 + k] = row[3] * turned[k, 0] + row[4] * turned[k, 1] + row[5] * turned[k, 2]
-
-
-@kernel()
 def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
     """Landmarks in the crop (n, 2) and their derivative (n, 2, 12) by [rotation vector, t, animation]."""
-    n = person[0].shape[0]
-    q, Y, J, here = np.empty((n, 2)), np.empty((1, 3)), np.empty((n, 2, STATE)), np.empty((1, 3))
-    turned = np.empty((person[1].shape[0], 3))
-    here[0, 0], here[0, 1], here[0, 2] = 0.0, 0.0, 0.0
+    neutral, units = person
+    n, lens = neutral.shape[0], lens_of(view)
+    q, J = np.empty((n, 2)), np.empty((n, 2, STATE))
     for i in range(n):
-        place(i, person, here, R, t, a, view, q[i : i + 1], Y)
-        turn_units(i, person[1], R, turned)
-        differentiate(1.0, 0.0, t, Y[0], view, J[i, 0])
-        differentiate(0.0, 1.0, t, Y[0], view, J[i, 1])
-        extend(J[i, 0], turned)
-        extend(J[i, 1], turned)
+        x, y, z = landmark(i, person, a)
+        Y = rotated(R, x, y, z)
+        q[i, 0], q[i, 1] = in_crop(Y, t, lens)
+        for r in range(2):
+            by_pose = differentiate(1.0 - r, float(r), Y, t, lens)
+            for k in range(6):
+                J[i, r, k] = by_pose[k]
+            for k in range(units.shape[0]):
+                x, y, z = rotated(R, units[k, i, 0], units[k, i, 1], units[k, i, 2])
+                J[i, r, 6 + k] = by_pose[3] * x + by_pose[4] * y + by_pose[5] * z
     return q, J
 
 
@@ -241,6 +268,19 @@ def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
 
 
 @kernel()
+def misplaced(variance: Any, units: Any, error: Any) -> Any:
+    """Variances (n, 4) of landmarks' misplacement in [u, v, tilt, pan], with what an error (6,) of the animation, in
+    pixels by unit of length, adds to the first two."""
+    out = variance.copy()
+    for i in range(out.shape[0]):
+        x, y, z = moved(i, units, error)
+        squared = x * x + y * y + z * z
+        out[i, 0] += squared
+        out[i, 1] += squared
+    return out
+
+
+@kernel()
 def misplacement(M: Any, g: Any, most: float) -> Any:
     """Mean square (n,), by axis, of the step in the crop that each landmark alone would take; see `Solution`'s."""
     out = np.empty(g.shape[0])
@@ -325,16 +365,31 @@ def rotation_vector(R: Any, R_from: Any) -> Any:
 
 
 @kernel()
+def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any:
+    """The pose step (12,) from one pose to another, less than about 170 degrees away."""
+    turn, step = rotation_vector(R_to, R), np.empty(STATE)
+    for k in range(3):
+        step[k], step[3 + k] = turn[k], t_to[k] - t[k]
+    for k in range(6):
+        step[6 + k] = a_to[k] - a[k]
+    return step
+
+
+@kernel()
+def firm(information: Any, moved: Any, firmness: float, times: float) -> Any:
+    """Information (6,) of an animation's rest, with the tails of Student's t: that times `1 + firmness` where nothing
+    has moved (6,), with half of what this adds where it has by 1; and all that so many times."""
+    out = np.empty(information.size)
+    for k in range(out.size):
+        out[k] = times * information[k] * (1 + firmness / (1 + moved[k] * moved[k]))
+    return out
+
+
+@kernel()
 def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
     """The prior's part of Eq. (9): returns its energy, and begins H (12, 12) and G (12,) with its derivatives."""
     R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
-    turn = rotation_vector(R, R_prior)
-    step = np.empty(STATE)
-    for k in range(3):
-        step[k] = turn[k]
-        step[3 + k] = t[k] - t_prior[k]
-    for k in range(6):
-        step[6 + k] = a[k] - a_prior[k]
+    step = step_between(R_prior, t_prior, a_prior, R, t, a)
     energy = 0.0
     for r in range(STATE):
         G[r] = 0.0

@@ -25,7 +25,17 @@ from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.tracking.definite import inverse_definite
-from mien.tracking.kernels import STATE, add_prior, differentiate, extend, place, rotate, solve_positive, turn_units
+from mien.tracking.kernels import (
+    STATE,
+    add_prior,
+    differentiate,
+    in_crop,
+    landmark,
+    lens_of,
+    rotate,
+    rotated,
+    solve_positive,
+)
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 _RIGID = 6
@@ -50,7 +60,7 @@ class Motion:
     def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
         """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
         self.settings = settings
-        self.patches = patches
+        self.patches = np.ascontiguousarray(np.swapaxes(patches, 1, 2))  # by coordinate: read several points at a time
         floor = np.repeat(
             [math.radians(settings.motion_rotation_deg), settings.motion_translation, settings.motion_animation],
             [3, 3, 6],
@@ -116,8 +126,9 @@ class Motion:
 
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
-        turn, shift = math.sqrt(step[:3] @ step[:3]), math.sqrt(step[3:6] @ step[3:6])
-        length = np.array([turn] * 3 + [shift] * 3 + step[6:].tolist())
+        *pose, a, b, c, d, e, f = step.tolist()
+        turn, shift = math.hypot(*pose[:3]), math.hypot(*pose[3:])
+        length = np.array([turn, turn, turn, shift, shift, shift, a, b, c, d, e, f])
         return np.asarray(self.least_drift + (self.settings.motion_share * length) ** 2)
 
 
@@ -125,7 +136,7 @@ def _median(correlation: Array, weight: Array) -> float:
     """Of the correlations (n,) of patches that are the face's by their weight (n,); where hardly one is, the whole face
     may look strange, and all count that can be seen."""
     face = weight > _OF_THE_FACE
-    of_face = correlation[face if face.sum() >= _LEAST_PATCHES else weight > 0]
+    of_face = correlation[face if np.count_nonzero(face) >= _LEAST_PATCHES else weight > 0]
     if len(of_face) < _LEAST_PATCHES:
         return 0.0
     ordered = np.sort(of_face)  # at a tenth of the time of np.median
@@ -144,6 +155,16 @@ def _read(image: Any, x: float, y: float) -> Any:
     return upper + fy * (lower - upper), (np.float32(1.0) - fy) * (b - a) + fy * (d - c), lower - upper
 
 
+@kernel(inline="always")  # so that it runs several points at a time
+def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, lens: Any, Y: Any, q: Any) -> None:
+    """The points of patch i: Y (3, m) turned into camera axes but not moved, and q (2, m) in the crop."""
+    x, y, z = landmark(i, person, a)
+    for j in range(q.shape[1]):
+        here = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
+        Y[0, j], Y[1, j], Y[2, j] = here
+        q[0, j], q[1, j] = in_crop(here, t, lens)
+
+
 @kernel()
 def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
     """Values (n, m) less their mean, their norms (n,), their derivatives (n, 6, m) by rotation and translation less the
@@ -152,18 +173,19 @@ def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) ->
     All points of a patch move alike with the units: the derivatives by these are sums of those by translation.
     """
     R, t, a = pose
-    n, m = patches.shape[0], patches.shape[1]
+    units, lens = person[1], lens_of(view)
+    n, m = patches.shape[0], patches.shape[2]
     values, norms = np.empty((n, m), np.float32), np.empty(n)
     J, JJ, turned = np.empty((n, _RIGID, m), np.float32), np.empty((n, STATE, STATE)), np.empty((n, STATE - _RIGID, 3))
-    q, Y, row = np.empty((m, 2)), np.empty((m, 3)), np.empty(_RIGID)
+    Y, q = np.empty((3, m)), np.empty((2, m))
     for i in range(n):
-        place(i, person, patches[i], R, t, a, view, q, Y)
-        turn_units(i, person[1], R, turned[i])
+        _place_patch(i, person, patches, R, t, a, lens, Y, q)
         for j in range(m):
-            values[i, j], gu, gv = _read(image, q[j, 0], q[j, 1])
-            differentiate(np.float64(gu), np.float64(gv), t, Y[j], view, row)
+            values[i, j], q[0, j], q[1, j] = _read(image, q[0, j], q[1, j])
+        for j in range(m):
+            by_pose = differentiate(q[0, j], q[1, j], (Y[0, j], Y[1, j], Y[2, j]), t, lens)
             for k in range(_RIGID):
-                J[i, k, j] = row[k]
+                J[i, k, j] = by_pose[k]
         norms[i] = np.sqrt(_center(values[i]))
         for k in range(_RIGID):
             _center(J[i, k])
@@ -173,12 +195,13 @@ def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) ->
                     s += J[i, k, j] * J[i, r, j]
                 JJ[i, k, r] = s
                 JJ[i, r, k] = s
-        for k in range(_RIGID):
-            extend(JJ[i, k], turned[i])
-        for k in range(_RIGID, STATE):
-            for r in range(_RIGID):
-                JJ[i, k, r] = JJ[i, r, k]
-            extend(JJ[i, k], turned[i])
+        for k in range(STATE - _RIGID):
+            x, y, z = rotated(R, units[k, i, 0], units[k, i, 1], units[k, i, 2])
+            turned[i, k, 0], turned[i, k, 1], turned[i, k, 2] = x, y, z
+            for r in range(_RIGID + k + 1):
+                s = x * JJ[i, r, 3] + y * JJ[i, r, 4] + z * JJ[i, r, 5]
+                JJ[i, r, _RIGID + k] = s
+                JJ[i, _RIGID + k, r] = s
     return values, norms, J, JJ, turned
 
 
@@ -196,16 +219,14 @@ def _center(x: Any) -> Any:
 
 
 @kernel()
-def _compare(image: Any, q: Any, values: Any, norm: float, residual: Any) -> Any:
-    """Residual (m,) of a patch at points q (m, 2), its brightness and contrast made the last frame's; its mean
-    square."""
-    for j in range(values.size):
-        residual[j] = _read(image, q[j, 0], q[j, 1])[0]
-    contrast = np.float32(min(max(norm / np.sqrt(_center(residual) + 1e-9), 0.5), 2.0))
+def _compare(patch: Any, values: Any, norm: float) -> Any:
+    """Make the brightness and contrast of a patch (m,) the last frame's, and take off what was seen then; returns the
+    mean square of what is left."""
+    contrast = np.float32(min(max(norm / np.sqrt(_center(patch) + 1e-9), 0.5), 2.0))
     squared = np.float32(0.0)
     for j in range(values.size):
-        residual[j] = contrast * residual[j] - values[j]
-        squared += residual[j] * residual[j]
+        patch[j] = contrast * patch[j] - values[j]
+        squared += patch[j] * patch[j]
     return squared / values.size
 
 
@@ -219,17 +240,20 @@ def align(
     its weight (Geman and McClure) where its residual exceeds `robust` times what is usual in this frame."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
+    lens = lens_of(view)
     R, t, a = prior[0], prior[1], prior[2]
-    q, Y, residual = np.empty((m, 2)), np.empty((m, 3)), np.empty((n, m), np.float32)
-    off = np.zeros(n)
+    residual, off = np.empty((n, m), np.float32), np.zeros(n)
+    Y, q = np.empty((3, m)), np.empty((2, m))
     H, G, D, down = np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE, STATE)), np.empty(STATE)
     usual = 1e9  # at first every patch counts
     for _ in range(iterations):
         total, squared = 1e-9, 0.0
         for i in range(n):
             if active[i] > 0.0:
-                place(i, person, patches[i], R, t, a, view, q, Y)
-                off[i] = _compare(image, q, values[i], norms[i], residual[i])
+                _place_patch(i, person, patches, R, t, a, lens, Y, q)
+                for j in range(m):
+                    residual[i, j] = _read(image, q[0, j], q[1, j])[0]
+                off[i] = _compare(residual[i], values[i], norms[i])
                 ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
                 total += active[i] * ratio * ratio
                 squared += active[i] * ratio * ratio * off[i]
@@ -248,7 +272,8 @@ def align(
                 for j in range(m):
                     s += J[i, r, j] * residual[i, j]
                 down[r] = s
-            extend(down, turned[i])
+            for k in range(STATE - _RIGID):
+                down[_RIGID + k] = down[3] * turned[i, k, 0] + down[4] * turned[i, k, 1] + down[5] * turned[i, k, 2]
             for r in range(STATE):
                 G[r] += w * down[r]
                 for c in range(STATE):

@@ -14,6 +14,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.tracking import kernels
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.eyes import closing_of
 from mien.tracking.learning import Level, learn_face
@@ -84,7 +85,8 @@ class Person:
 
     def posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
-        return np.asarray((self.neutral + self._moved(pose.animation)) @ pose.R.T + pose.t)
+        moved = (pose.animation @ self.units.reshape(6, -1)).reshape(-1, 3)
+        return np.asarray((self.neutral + moved) @ pose.R.T + pose.t)
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed. before: the same of the last frame."""
@@ -103,9 +105,8 @@ class Person:
     def misplaced(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
         units do. animation: the last frame's: in this frame's guess an error would excuse itself."""
-        error = self.settings.unit_error * level.descriptor.pixels_per_unit * self._moved(animation - self.rest)
-        variance = self.variance.copy()
-        variance[:, :2] += np.einsum("nk,nk->n", error, error)[:, None]
+        error = self.settings.unit_error * level.descriptor.pixels_per_unit * (animation - self.rest)
+        variance: Array = kernels.misplaced(self.variance, self.units, error)
         return variance
 
     def learn(self, solution: Solution, agreement: Array) -> None:
@@ -154,10 +155,6 @@ class Person:
         weight = novelty * solution.w * (1 - share)
         Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
         self.neutral = self.shape.add(self.neutral, Lambda, gradient)
-
-    def _moved(self, animation: Array) -> Array:
-        """How far (n, 3) an animation moves the landmarks, head axes."""
-        return np.asarray((animation @ self.units.reshape(6, -1)).reshape(-1, 3))
 
 
 def _mean(values: Float32, of: Mask) -> float:

@@ -44,7 +44,8 @@ from mien.tracking.uncertainty import (
 )
 
 _UPPER_LIDS, _LOWER_LIDS = (
-    [LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")
+    np.array([LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")])
+    for lid in ("upper", "lower")
 )
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 _KNOWN = 0.5
@@ -336,8 +337,8 @@ class RealtimeTracker:
         s, pose = self.settings, predicted.pose
         turned = turn_squared(pose.R, self.first.R) / math.sin(math.radians(s.rest_turn_deg)) ** 2
         moved = (self.pose.animation - self.fit.animation) / s.rest_within
-        firm = (1 + turned) * (1 + s.rest_firmness / (1 + moved * moved))
-        return (*pose.arrays, predicted.information, self.fit.animation, firm * self.rest_information)
+        firm = kernels.firm(self.rest_information, moved, s.rest_firmness, 1 + turned)
+        return (*pose.arrays, predicted.information, self.fit.animation, firm)
 
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""

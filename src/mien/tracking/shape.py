@@ -78,17 +78,18 @@ def shape_information(B: Array, M: Array, g: Array, weight: Array, R: Array, reg
     head axes: the Schur complement of the pose step in the information of both.
     """
     n = len(B)
-    Bt = np.swapaxes(B, 1, 2) * weight[:, None, None]
-    H = Bt @ (M @ B)  # by landmark: of the pose step
-    G = (Bt @ g[:, :, None])[:, :, 0]
+    weighted, MB = B * weight[:, None, None], M @ B
+    flat = weighted.reshape(-1, len(regularizer))
+    pose = flat.T @ MB.reshape(flat.shape) + np.diag(regularizer)
     # A landmark's own place moves it as the translation does, but in head axes; the angles are moved by neither.
-    pose = H.sum(axis=0) + np.diag(regularizer)
-    both = (np.swapaxes(H[:, :, 3:6], 0, 1).reshape(-1, 3) @ R).reshape(-1, 3 * n)
-    A = solve_definite(pose, both)
-    Lambda = both.T @ -A
-    own = np.arange(n)
-    Lambda.reshape(n, 3, n, 3)[own, :, own, :] += R.T @ H[:, 3:6, 3:6] @ R
-    return Lambda, (G[:, 3:6] @ R).ravel() - A.T @ G.sum(axis=0)
+    own = np.swapaxes(weighted[:, :, 3:6] @ R, 1, 2)
+    both = own @ MB
+    rows = both.reshape(3 * n, -1)
+    A = solve_definite(pose, rows.T)
+    Lambda = rows @ -A
+    k = np.arange(n)
+    Lambda.reshape(n, 3, n, 3)[k, :, k, :] += both[:, :, 3:6] @ R
+    return Lambda, (own @ g[:, :, None]).ravel() - (flat.T @ g.ravel()) @ A
 
 
 def prior_covariance(

@@ -11,7 +11,7 @@ import numpy as np
 from mien.appearance.crop import Crop
 from mien.appearance.descriptors import Float32, orientation_maps
 from mien.appearance.views import CENTRE, roll_of
-from mien.geometry.rotation import Array, ray_rotation
+from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking import kernels
 from mien.tracking.definite import inverse_definite
@@ -41,7 +41,8 @@ class Pose:
     @cached_property
     def ray(self) -> Array:
         """(3, 3) rotation from the optical axis to the middle of the face."""
-        return ray_rotation(self.R @ CENTRE + self.t)
+        ray: Array = kernels.ray_to(CENTRE, self.arrays[0], self.t)
+        return ray
 
     @cached_property
     def angles(self) -> Array:
@@ -50,8 +51,8 @@ class Pose:
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
-        turn = kernels.rotation_vector(other.R, self.R)
-        return np.concatenate([turn, other.t - self.t, other.animation - self.animation])
+        step: Array = kernels.step_between(*self.arrays, *other.arrays)
+        return step
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from mien.compiled import kernel
 from mien.geometry.rotation import Array
 
 NOISE_SCALE = 0.155
@@ -101,11 +103,29 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
     about the axis of the turn out of that frame's image plane. So does a face whose look, by a share `learned`, was
     learned where the tracker believed it to be when it turned. Where the axes are wrong by d, every R is R exp(d), an
     error of R d, of which the first frame has first.R d."""
-    (x, y, z), (a, b, c) = first.ray.tolist(), (R @ (first.ray @ first.R)).tolist()
     share = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST, LEARNED_SCALE * learned)
-    turn = share * np.array([y * c - z * b, z * a - x * c, x * b - y * a])
-    moved = (R - first.R) * first.axes_sd
-    return np.asarray(turn[:, None] * turn + moved @ moved.T)
+    covariance: Array = _of_turn_and_axes(R, first.R, first.ray, first.axes_sd, share)
+    return covariance
+
+
+@kernel()
+def _of_turn_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: float) -> Any:
+    """`systematic_covariance`, its turn too large or too small by a share."""
+    turned = np.empty(3)  # where the head has what the first frame's ray met
+    for i in range(3):
+        turned[i] = 0.0
+        for k in range(3):
+            turned[i] += R[i, k] * (R_first[0, k] * ray[0] + R_first[1, k] * ray[1] + R_first[2, k] * ray[2])
+    out, turn = np.empty((3, 3)), np.empty(3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turn[i] = share * (ray[j] * turned[k] - ray[k] * turned[j])
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = turn[i] * turn[j]
+            for k in range(3):
+                out[i, j] += (R[i, k] - R_first[i, k]) * (R[j, k] - R_first[j, k]) * axes_sd[k] * axes_sd[k]
+    return out
 
 
 def turn_squared(R: Array, R_first: Array) -> float:
