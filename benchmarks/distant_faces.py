@@ -21,7 +21,7 @@ from skimage import data
 from mien.frame import Frame, Pixels
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization import detector
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, place_of
 from mien.tracking.realtime import RealtimeTracker
 from mien.video import open_video
 
@@ -44,7 +44,7 @@ def faces(recordings: Path) -> Iterator[tuple[Frame, Landmarks]]:
 
 def painted(frame: Frame, face: Landmarks, size_px: int, centre: tuple[int, int]) -> Pixels:
     """The room with a face, and as much around it as it is large, of a size in pixels at a place."""
-    middle, size = detector._place(face.points)
+    middle, size = place_of(face.points)
     x, y = np.maximum(middle - size, 0).astype(int)
     part = frame.pixels[y : int(middle[1] + size), x : int(middle[0] + size)]
     small = cv2.resize(part, None, fx=size_px / size, fy=size_px / size, interpolation=cv2.INTER_AREA)

@@ -83,6 +83,7 @@ class RealtimeSettings(Settings):
     least_share: float = Field(0.25, ge=0, le=1, description="share of such landmarks below which the face is lost")
     recovered_share: float = Field(0.6, ge=0, le=1, description="the same that a proposed pose must have")
     recovery_interval: int = Field(5, ge=1, description="frames between searches once the face is lost")
+    recovery_patience: int = Field(30, ge=0, description="frames lost after which one in three searches is thorough")
     doubt_interval: int = Field(15, ge=1, description="the same while what is tracked may be another face")
     jaw_retry_distance: float = Field(4.0, gt=0, description="the same of lower lip and chin that asks for another jaw")
     velocity: float = Field(0.5, ge=0, le=1, description="share of the last motion that is predicted to go on")

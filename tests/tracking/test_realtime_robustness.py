@@ -5,13 +5,14 @@ Found again here means found by keyframes: the detector, which not everybody has
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 import cv2
 import numpy as np
 import pytest
 
 from long_motion import errors_deg, in_order, leaving, sequence, shown
+from mien.config import RealtimeSettings
 from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -88,6 +89,27 @@ def test_frames_of_noise() -> None:
     estimates, errors = _track(_changed(lambda image: rng.uniform(0, 255, image.shape), range(18, 23)))
     assert all(estimates[k].status is Status.LOST for k in range(18, 23))
     assert errors[23 + BACK_WITHIN :].max() < CLOSE_DEG
+
+
+def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keyframes and distant faces take most of the time of a search."""
+    frames = shown(list(sequence().frames)).frames
+    thorough: dict[int, bool] = {}
+    known: list[int] = []
+
+    def by_detector(frame: Frame, fit: object, camera: object, everywhere: bool) -> Iterator[tuple[Array, Array]]:
+        thorough[frame.index] = everywhere
+        return iter(())
+
+    monkeypatch.setattr("mien.tracking.realtime.find_by_detector", by_detector)
+    tracker = RealtimeTracker(RealtimeSettings(recovery_interval=2, recovery_patience=10))
+    tracker.initialize(frames[0], face().landmarks, face().camera)
+    monkeypatch.setattr(tracker.keyframes, "find", lambda frame, _: known.append(frame.index))
+    rng = np.random.default_rng(0)
+    for k in range(24):  # the first frame that is lost has index 0
+        tracker.track(Frame(_rounded(rng.uniform(0, 255, (240, 320, 3))), k))
+    assert list(thorough) == [0, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22]
+    assert known == [k for k, everywhere in thorough.items() if everywhere] == [0, 1, 2, 4, 6, 8, 12, 18]
 
 
 def _known(agreement: float | None, monkeypatch: pytest.MonkeyPatch) -> list[float]:

@@ -75,13 +75,14 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
     return None
 
 
-def look(frame: Frame, at: Point | None = None) -> list[Landmarks]:
-    """The faces of a frame as `detect` gives them, but from a single look, for finding a face again.
+def look(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:
+    """The faces of a frame as `detect` gives them, but from a single look, for finding a face again. distant: where
+    there is none, also those that are small in the image.
 
     Raises MienError where MediaPipe is not installed.
     """
     with _finder(_MAXIMUM_FACES) as finder:
-        return [_landmarks(frame, face) for face in finder.largest_first(frame, at=at)]
+        return [_landmarks(frame, face) for face in finder.largest_first(frame, distant, at)]
 
 
 def everybody(frame: Frame) -> list[Landmarks]:

@@ -200,8 +200,10 @@ class RealtimeTracker:
         return np.asarray(vertices @ estimate.rotation.T + estimate.translation)
 
     def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
-        yield from find_by_detector(frame, self.fit, self.camera)
-        known = self.keyframes.find(frame, self.pose.t)
+        s, lost = self.settings, self.lost_frames
+        thorough = lost < s.recovery_patience or lost % (3 * s.recovery_interval) == 0
+        yield from find_by_detector(frame, self.fit, self.camera, thorough)
+        known = self.keyframes.find(frame, self.pose.t) if thorough else None
         if known is not None:
             yield known
 

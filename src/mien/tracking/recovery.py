@@ -133,10 +133,13 @@ class Keyframes:
         return _pnp(X, p[[m.trainIdx for m in good]], self.camera, _REPROJECTION_PX / scale) or nothing
 
 
-def find_by_detector(frame: Frame, fit: FirstFrame, camera: Camera) -> Iterator[tuple[Array, Array]]:
-    """Poses R, t of the faces that the detector sees, the largest first; none without the extra `auto`."""
+def find_by_detector(
+    frame: Frame, fit: FirstFrame, camera: Camera, distant: bool = True
+) -> Iterator[tuple[Array, Array]]:
+    """Poses R, t of the faces that the detector sees, the largest first; none without the extra `auto`. distant: where
+    there is none, also of those that are small in the image."""
     try:
-        faces = look(frame)
+        faces = look(frame, distant=distant)
     except MienError:
         return
     for face in faces[:_MOST_FACES]:
