@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
 from mien.frame import Decoded, Frame
-from mien.video import FOLDER_FPS, backwards, expected_count, open_video, select
+from mien.video import FOLDER_FPS, backwards, decoded_again, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
 
@@ -60,6 +60,14 @@ def test_a_video_is_played_backwards_in_parts(held: int, video: Path, monkeypatc
     for f in played:
         np.testing.assert_array_equal(f.pixels, frames[f.index].pixels)
     assert not list(backwards(open_video(video), begin=0.06, end=2))
+
+
+def test_a_frame_is_decoded_again(video: Path) -> None:
+    frames = list(open_video(video))
+    for frame in (frames[5], frames[0]):
+        again = decoded_again(open_video(video), frames[2], frame.index, frame.time)
+        assert (again.index, again.time) == (frame.index, frame.time)
+        np.testing.assert_array_equal(again.pixels, frame.pixels)
 
 
 def test_where_no_key_frame_is_found_a_video_is_played_backwards_all_the_same(

@@ -25,7 +25,7 @@ from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import expected_errors, rotation_of
 from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate
-from mien.video import Video, expected_count, select
+from mien.video import Video, decoded_again, expected_count, select
 
 _LOOK_SECONDS = 10.0
 """How long a face that looks into the camera is looked at for the frame from which it is best learned."""
@@ -166,7 +166,7 @@ def best_look(first: Frame, landmarks: Landmarks, camera: Camera, footage: Foota
     best = looks[int(np.argmin(errors))]
     if errors[0] - errors.min() < _LEAST_GAIN:
         return first, landmarks
-    frame = next(select(footage.video, best.time))
+    frame = decoded_again(footage.video, first, best.frame_index, best.time)
     refined = refine(frame, best)
     return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
 

@@ -106,6 +106,12 @@ def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
         held.extend(_part(video, there[-most:], size))
 
 
+def decoded_again(video: Video, frame: Frame, index: int, time: float) -> Frame:
+    """The frame of a video with an index and a time (seconds), as large as another one of its frames: from the nearest
+    key frame on, where that finds it."""
+    return _part(video, [(index, time)], (frame.height, frame.width))[0]
+
+
 def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
     """The frames with these indices and times: from the nearest key frame on, or, where the container does not find
     them all so, from the beginning."""

@@ -93,14 +93,21 @@ def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any
         x0, x1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), width - 1)
         y0, y1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), height - 1)
         inverse, iza, izb, izc = 1.0 / area, 1.0 / z[a], 1.0 / z[b], 1.0 / z[c]
+        da, db = (by - cy) * inverse, (cy - ay) * inverse
         for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                wa = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
-                wb = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
-                wc = 1.0 - wa - wb
-                if wa < 0 or wb < 0 or wc < 0:
-                    continue
-                wa, wb, wc = wa * iza, wb * izb, wc * izc
+            # The weights of the corners are linear in x: where all are positive is an interval.
+            ea, eb = (bx * (cy - y) - cx * (by - y)) * inverse, (cx * (ay - y) - ax * (cy - y)) * inverse
+            left, right = float(x0), float(x1)
+            for e, by_x in ((ea, da), (eb, db), (1.0 - ea - eb, -da - db)):
+                if by_x > 0.0:
+                    left = max(left, -e / by_x)
+                elif by_x < 0.0:
+                    right = min(right, -e / by_x)
+                elif e < 0.0:
+                    right = left - 1.0
+            for x in range(int(np.ceil(left)), int(np.floor(right)) + 1):
+                wa, wb = ea + da * x, eb + db * x
+                wa, wb, wc = wa * iza, wb * izb, (1.0 - wa - wb) * izc
                 d = 1.0 / (wa + wb + wc)
                 if d >= depth[y, x]:
                     continue

@@ -27,8 +27,9 @@ def view_rotations(limit_deg: float = 30.0, step_deg: float = 10.0) -> list[Arra
 
 def rotation(tilt: float, pan: float, roll: float) -> Array:
     """Head turned by tilt and pan (radians) and then rolled in the image: (3, 3) head -> camera."""
-    turned = exp(np.array([tilt, 0, 0])) @ exp(np.array([0, pan, 0]))
-    return np.asarray(exp(np.array([0, 0, roll])) @ turned @ FACING)
+    (a, b, c), (x, y, z) = ((f(tilt), f(pan), f(roll)) for f in (math.cos, math.sin))
+    tilted, panned = np.array([[1, 0, 0], [0, a, -x], [0, x, a]]), np.array([[b, 0, y], [0, 1, 0], [-y, 0, b]])
+    return np.asarray(np.array([[c, -z, 0], [z, c, 0], [0, 0, 1]]) @ tilted @ panned @ FACING)
 
 
 CENTRE = np.array([0.0, -0.1, 0.0])
