@@ -224,7 +224,7 @@ def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
     yield f"{pooled_errors(every).mean():.2f}"
     yield str(sum(s.lost for s in every))
     yield f"{np.mean([s.unit_correlations[JAW] for s in every if s.result.kind == 'expression']):.2f}"
-    yield f"{max(s.false_movement.max() for s in every if s.result.kind == 'uniform'):.2f}"
+    yield f"{max(np.nanmax(s.false_movement) for s in every if s.result.kind == 'uniform'):.2f}"
     yield f"{np.mean([s.jitter_deg for s in every if s.result.kind == 'uniform']):.2f}"
     yield f"{pooled_errors(third).mean():.2f}"
     yield str(sum(s.lost for s in third))

@@ -36,6 +36,29 @@ def test_coverage_is_the_triangle_with_its_edges() -> None:
     assert np.isinf(drawn.depth[~drawn.mask]).all()
 
 
+@pytest.mark.parametrize("tip", [0.0, 1e-300, -1e-300, 1e-18])
+def test_an_edge_that_is_all_but_level(tip: float) -> None:
+    X = _lifted([(1, 1), (1, 3), (5, 1)], [2, 2, 2])
+    X[2, 1] += tip
+    drawn = render(X, FRONT, Texture(np.full((1, 1, 1), 7, np.float32), np.zeros((3, 2))), CAMERA, 8, 6)
+    v, u = np.mgrid[:6, :8]
+    np.testing.assert_array_equal(drawn.mask, (u >= 1) & (v >= 1) & (u - 1 + 2 * (v - 1) <= 4))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_coverage_of_random_triangles(seed: int) -> None:
+    """Where all three edges have the pixel on their inner side."""
+    corners = np.random.default_rng(seed).uniform(-3, 11, (3, 2))
+    (ax, ay), (bx, by), (cx, cy) = corners
+    if (bx - ax) * (cy - ay) > (cx - ax) * (by - ay):  # faces away
+        corners = corners[::-1]
+    drawn = depth_buffer(_lifted([tuple(c) for c in corners], [2, 2, 2]), FRONT, CAMERA, 8, 6)
+    v, u = np.mgrid[:6, :8]
+    edges = zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True)
+    sides = [along[0] * (v - a[1]) - along[1] * (u - a[0]) for a, along in edges]
+    np.testing.assert_array_equal(np.isfinite(drawn), np.max(sides, axis=0) <= 0)
+
+
 def test_interpolation_is_correct_in_perspective() -> None:
     """Corners at depths 1, 1, 2 and u of the texture 0, 0, 8. Half way in the image from the first to the last
     1/Z is 3/4, so Z = 4/3, and u = (1/2 * 8 / 2) * 4/3 = 8/3, where a linear map would give 4."""

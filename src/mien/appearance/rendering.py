@@ -105,6 +105,8 @@ def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any
                     right = min(right, -e / by_x)
                 elif e < 0.0:
                     right = left - 1.0
+            if left > right:  # also where an edge that is all but level crosses this row far away
+                continue
             for x in range(int(np.ceil(left)), int(np.floor(right)) + 1):
                 wa, wb = ea + da * x, eb + db * x
                 wa, wb, wc = wa * iza, wb * izb, (1.0 - wa - wb) * izc
