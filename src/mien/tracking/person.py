@@ -17,7 +17,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Lan
 from mien.tracking import kernels
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.eyes import closing_of
-from mien.tracking.learning import Level, learn_face
+from mien.tracking.learning import LearnedFace, Level, learn_face
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
 from mien.tracking.state import Closing, Mask
@@ -55,19 +55,20 @@ class Person:
         fit: FirstFrame,
         camera: Camera,
         settings: RealtimeSettings,
-        known_shape: ShapePosterior | None,
+        before: Person | None = None,
     ) -> None:
-        """Learn the face of the first frame. known_shape: what an earlier pass has learned of the shape."""
+        """Learn the face of the first frame. before: what an earlier pass over the same frames has learned: its shape
+        and what it has learned in that first frame are kept."""
         s, n, vertices = settings, len(TRACKED), list(TRACKED.values())
         self.settings, self.rest = s, fit.animation
-        self.face = face = learn_face(frame, landmarks, fit, camera, vertices, s)
+        self.face: LearnedFace = before.face if before else learn_face(frame, landmarks, fit, camera, vertices, s)
+        face = self.face
         self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
         brows = np.array(["brow" in name for name in TRACKED])
         self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
         self.closing_eyes = np.ascontiguousarray(face.fine.eyes[:, self.eyes])
-        self.shape = deepcopy(known_shape) or ShapePosterior(
-            face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s
-        )
+        at_rest = ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s)
+        self.shape: ShapePosterior = deepcopy(before.shape) if before else at_rest
         self.neutral = self.shape.mean
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s)
         self.expected = np.full(n, s.expected_distance)

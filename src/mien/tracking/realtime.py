@@ -26,7 +26,6 @@ from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.scene import Scene
-from mien.tracking.shape import ShapePosterior
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
@@ -65,17 +64,18 @@ class RealtimeTracker:
         self,
         settings: RealtimeSettings | None = None,
         model: Candide | None = None,
-        known_shape: ShapePosterior | None = None,
+        before: Person | None = None,
     ) -> None:
-        """model: the face model, the package's own unless given; see `fit_first_frame`. known_shape: see `again`."""
+        """model: the face model, the package's own unless given; see `fit_first_frame`. before: see `again`."""
         self.settings = settings or RealtimeSettings()
         self.model = model
-        self.known_shape = known_shape
+        self.before = before
         self.compiled = CompiledBeside()
 
     def again(self) -> RealtimeTracker:
-        """A new tracker for the same frames, which begins with the shape that this one has learned from them."""
-        return RealtimeTracker(self.settings, self.model, self.person.shape)
+        """A new tracker for the same frames, from the same landmarks of the same first one, which begins with the shape
+        that this one has learned from them."""
+        return RealtimeTracker(self.settings, self.model, self.person)
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its landmarks."""
@@ -84,7 +84,7 @@ class RealtimeTracker:
         self.camera = camera
         self.camera_vector = camera.vector
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
-        self.person = Person(frame, landmarks, self.fit, camera, s, self.known_shape)
+        self.person = Person(frame, landmarks, self.fit, camera, s, self.before)
         self.compiled.finish()
         self.face = self.person.face
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
