@@ -182,7 +182,7 @@ def test_derivatives_against_differences() -> None:
     v, u = np.mgrid[:112, :112].astype(np.float32)
     image = np.asarray(0.5 * u + 0.3 * v + 0.01 * u * v, np.float32)
     person = rng.uniform(-0.3, 0.3, (3, 3)), rng.normal(0, 0.1, (6, 3, 3))
-    patches = rng.uniform(-0.1, 0.1, (3, 9, 3))
+    patches = rng.uniform(-0.1, 0.1, (3, 3, 9))
     R, t, a = rotation(0.1, -0.2, 0.05), np.array([0.02, 0.0, 5.0]), rng.uniform(-0.2, 0.2, 6)
     view = np.array([320.0, 0, 0]), np.array([[0.9, 0.1], [-0.1, 0.9]]), np.array([55.0, 55.0]), np.eye(3)
 

@@ -126,9 +126,8 @@ class Motion:
 
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
-        *pose, a, b, c, d, e, f = step.tolist()
-        turn, shift = math.hypot(*pose[:3]), math.hypot(*pose[3:])
-        length = np.array([turn, turn, turn, shift, shift, shift, a, b, c, d, e, f])
+        s = step.tolist()
+        length = np.array([math.hypot(*s[:3])] * 3 + [math.hypot(*s[3:6])] * 3 + s[6:])
         return np.asarray(self.least_drift + (self.settings.motion_share * length) ** 2)
 
 
@@ -167,8 +166,9 @@ def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, lens
 
 @kernel()
 def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
-    """Values (n, m) less their mean, their norms (n,), their derivatives (n, 6, m) by rotation and translation less the
-    mean, the sums (n, 12, 12) of the products of those by the whole pose step, and the units (n, 6, 3) in camera axes.
+    """Of patches (n, 3, m): values (n, m) less their mean, norms (n,), derivatives (n, 6, m) by rotation and
+    translation less the mean, the sums (n, 12, 12) of the products of those by the whole pose step, and the units
+    (n, 6, 3) in camera axes.
 
     All points of a patch move alike with the units: the derivatives by these are sums of those by translation.
     """

@@ -67,8 +67,11 @@ class Person:
         brows = np.array(["brow" in name for name in TRACKED])
         self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
         self.closing_eyes = np.ascontiguousarray(face.fine.eyes[:, self.eyes])
-        at_rest = ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s)
-        self.shape: ShapePosterior = deepcopy(before.shape) if before else at_rest
+        self.shape: ShapePosterior = (
+            deepcopy(before.shape)
+            if before
+            else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s)
+        )
         self.neutral = self.shape.mean
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s)
         self.expected = np.full(n, s.expected_distance)
