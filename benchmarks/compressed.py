@@ -8,7 +8,7 @@ default, 28 plainly seen.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from shutil import copy
 
@@ -21,13 +21,12 @@ from mien.video import open_video
 FRAMES_PER_SECOND = 30
 
 
-def write_compressed(path: Path, frames: Iterable[Frame], crf: int) -> None:
+def write_compressed(path: Path, frames: Sequence[Frame], crf: int) -> None:
     """Write frames as an H.264 video with x264's usual settings but for its constant rate factor."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=FRAMES_PER_SECOND, options={"crf": str(crf)})
-        stream.pix_fmt = "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, "yuv420p"
         for frame in frames:
-            stream.width, stream.height = frame.width, frame.height
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame.pixels, format="rgb24")))
         container.mux(stream.encode())
 
