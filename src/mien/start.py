@@ -22,7 +22,7 @@ from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point
-from mien.initialization.looks import expected_errors, rotation_of
+from mien.initialization.looks import detail, expected_errors, rotation_of
 from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate
 from mien.video import Video, decoded_again, expected_count, select
@@ -155,14 +155,15 @@ def best_look(first: Frame, landmarks: Landmarks, camera: Camera, footage: Foota
     uncut = takewhile(lambda shot: shot[0] == 0, frames_to_look_at(replace(footage, start=first.time)))
     later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
-    looks, facing = [landmarks], _into_camera(fit.R, fit.t)
+    looks, details, facing = [landmarks], [detail(first, landmarks)], _into_camera(fit.R, fit.t)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
-    for _, face in follow(landmarks, in_time):
+    for frame, face in follow(landmarks, in_time):
         looks.append(face)
+        details.append(detail(frame, face))
         if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
             facing, until = True, face.time + _LOOK_SECONDS
-    errors = expected_errors(looks, camera, fit.R, fit.t)
+    errors = expected_errors(looks, details, camera, fit.R, fit.t)
     best = looks[int(np.argmin(errors))]
     if errors[0] - errors.min() < _LEAST_GAIN:
         return first, landmarks

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
-from mien.initialization.looks import PER_DEGREE, PER_UPPER, expected_errors, rotation_of
-from small_motion import face
+from mien.initialization.looks import (
+    LEAST_DETAIL,
+    PER_DEGREE,
+    PER_DETAIL,
+    PER_UPPER,
+    detail,
+    expected_errors,
+    rotation_of,
+)
+from small_motion import face, small_motion
 
 EYES = np.array([LANDMARK_VERTICES[f"{side}_eye_outer_corner"] for side in ("left", "right")])
 
@@ -30,10 +42,12 @@ def look(
     return Landmarks(points[:, :2] + 200, "mediapipe478", points[:, 2])
 
 
-def errors(*looks: Landmarks) -> Array:
+def errors(*looks: Landmarks, details: tuple[float, ...] = ()) -> Array:
     fit = face().fit
     far = Camera(1e9, 200, 200)
-    return expected_errors(looks, far, fit.R, -fit.R[:, 2])  # the camera is where the first look goes
+    return expected_errors(
+        looks, details or [1.0] * len(looks), far, fit.R, -fit.R[:, 2]
+    )  # the camera is where the first look goes
 
 
 def test_a_face_at_rest_that_looks_into_the_camera() -> None:
@@ -45,6 +59,23 @@ def test_the_rotation_of_a_look_is_measured_from_the_first() -> None:
     R, lips = face().fit.R, {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
     turned = rotation_of(look((8, -20, 5), 2.0, lips), look(), Camera(1e9, 200, 200), R)
     np.testing.assert_allclose(turned, R @ exp(np.radians((8, -20, 5))), atol=1e-6)
+
+
+def test_a_frame_with_less_detail_costs_beyond_what_always_differs() -> None:
+    found = errors(look(), look(), look(), look(), details=(0.7, 1.0, 0.95, 1.3))
+    typical = 0.5 * (0.95 + 1.0)
+    np.testing.assert_allclose(found, [1 + PER_DETAIL * (LEAST_DETAIL - 0.7 / typical), 1, 1, 1], atol=1e-6)
+
+
+def test_detail_is_lost_to_blur_and_not_to_size_and_light() -> None:
+    frame, landmarks = small_motion().frames[0], face().landmarks
+    pixels, as_it_is = frame.pixels, detail(frame, landmarks)
+    blurred = Frame(np.asarray(cv2.GaussianBlur(pixels, (0, 0), 2), np.uint8))
+    darker = Frame((0.6 * pixels).astype(np.uint8))
+    larger = Frame(np.asarray(cv2.resize(pixels, None, fx=2, fy=2), np.uint8))
+    assert detail(blurred, landmarks) < 0.8 * as_it_is
+    assert detail(darker, landmarks) == pytest.approx(as_it_is, rel=0.03)
+    assert detail(larger, replace(landmarks, points=2 * landmarks.points + 0.5)) == pytest.approx(as_it_is, rel=0.15)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
