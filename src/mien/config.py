@@ -119,7 +119,6 @@ class RealtimeSettings(Settings):
     eyes_sd: float = Field(0.13, ge=0, description="the same of eyes and brows together: sockets, spectacles")
     lateral_sd: float = Field(0.005, gt=0, description="the same across the ray of the first frame")
     location_sd: float = Field(0.05, gt=0, description="systematic error of a landmark in pixels of the crop, at least")
-    temple_sd: float = Field(1.0, gt=0, description="the same of the temples, whose look light and hair change")
     location_rate: float = Field(0.02, ge=0, lt=1, description="how fast it follows what is measured, by frame")
     unit_error: float = Field(0.1, ge=0, description="error of an animation unit, as a share of what it moves")
     appearance_angle_sd_deg: float = Field(27.0, gt=0, description="systematic error of the angles a patch shows")

@@ -22,14 +22,10 @@ from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
 from mien.tracking.state import Closing, Mask
 
-_TEMPLES = {"right_temple": 47, "left_temple": 14}
-_ANCHORS = {
-    "right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2, **_TEMPLES
-}  # fmt: skip
+_ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
 TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
 """Names and vertices of what is tracked: the landmarks, and after them anchors that are not reported. These lie far
-apart, and away from the eyes, which spectacles hide. The temples say much where little else does, and are moved by
-light and hair: their places are believed less."""
+apart, and away from the eyes, which spectacles hide."""
 JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 """Landmarks that the jaw carries."""
 TRUSTED = 0.25
@@ -84,8 +80,7 @@ class Person:
         self.tolerance[JAW] *= s.jaw_tolerance
         self.tolerance[_NOSE] *= s.nose_tolerance
         angle = np.radians(s.appearance_angle_sd_deg)
-        self.least_variance = np.array([s.temple_sd if name in _TEMPLES else s.location_sd for name in TRACKED]) ** 2
-        self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle**2)] * 2)
+        self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
 
     @property
     def arrays(self) -> tuple[Array, Array]:
@@ -146,7 +141,7 @@ class Person:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
         s = self.settings
         found = solution.facing & (solution.w > 1e-3)
-        variance = self.least_variance + solution.misplacement(_FAR)
+        variance = s.location_sd**2 + solution.misplacement(_FAR)
         self.variance[:, :2] += (s.location_rate * found * (variance - self.variance[:, 0]))[:, None]
 
     def _learn_shape(self, solution: Solution) -> None:
