@@ -149,5 +149,5 @@ def test_poses_that_come_again_say_less_and_less() -> None:
 
 def test_a_frame_that_teaches_little_leaves_the_rest_to_others() -> None:
     posterior = _posterior()
-    assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1)
-    assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(1 / 1.1)
+    assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.shape_rate)
+    assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.shape_rate / 1.1)

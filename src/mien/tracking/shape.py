@@ -50,7 +50,7 @@ class ShapePosterior:
         key = (self._bin(tilt), self._bin(pan))
         count = self.seen.get(key, 0.0)
         self.seen[key] = count + worth
-        return worth / (1 + count)
+        return self.settings.shape_rate * worth / (1 + count)
 
     def add(self, neutral: Array, Lambda: Array, gradient: Array) -> Array:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
