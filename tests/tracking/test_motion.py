@@ -15,6 +15,7 @@ from mien.frame import Frame
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.motion import JAW_DROP, Motion, take_patches
+from mien.tracking.person import TRACKED
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Pose, Prediction, View
 from small_motion import face, run
@@ -67,7 +68,8 @@ def test_brightness_and_contrast_do_not_matter(tracker: RealtimeTracker, next_fr
 
 def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_frame: Frame) -> None:
     """A board over the mouth, which was not there before."""
-    mouth = tracker.camera.project(tracker.person.posed(tracker.pose))[0][-10:].mean(axis=0).astype(int)
+    lips = ["lip" in name or "mouth" in name for name in TRACKED]
+    mouth = tracker.camera.project(tracker.person.posed(tracker.pose))[0][lips].mean(axis=0).astype(int)
     pixels = next_frame.pixels.copy()
     pixels[mouth[1] - 8 : mouth[1] + 40, mouth[0] - 40 : mouth[0] + 40] = (200, 40, 40)
     found = _measured(tracker, Frame(pixels, next_frame.index, next_frame.time))
