@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -90,6 +91,15 @@ def test_a_face_that_is_turned_is_learned_where_it_looks_into_the_camera(detecto
 def test_the_best_look_is_taken_where_none_is_good(detector: set[int], video: Path) -> None:
     detector.update(range(11, 24))
     assert start.prepare(start.Footage(open_video(video), face().camera)).first.index == 10
+
+
+def test_a_blurred_look_is_left_for_one_that_is_turned_a_little(
+    detector: set[int], turning: SyntheticSequence, tmp_path: Path
+) -> None:
+    pictures = [frame.pixels for frame in turning.frames]
+    pictures[15] = np.asarray(cv2.GaussianBlur(pictures[15], (0, 0), 4), np.uint8)
+    video = write_video(tmp_path / "blurred.mkv", pictures)
+    assert start.prepare(start.Footage(open_video(video), face().camera)).first.index == 20
 
 
 @pytest.mark.parametrize(("search_s", "index"), [(60.0, 15), (0.3, 5)])

@@ -43,11 +43,9 @@ def look(
 
 
 def errors(*looks: Landmarks, details: tuple[float, ...] = ()) -> Array:
-    fit = face().fit
-    far = Camera(1e9, 200, 200)
-    return expected_errors(
-        looks, details or [1.0] * len(looks), far, fit.R, -fit.R[:, 2]
-    )  # the camera is where the first look goes
+    fit, far = face().fit, Camera(1e9, 200, 200)
+    details = details or (1.0,) * len(looks)
+    return expected_errors(looks, details, far, fit.R, -fit.R[:, 2])  # the camera is where the first look goes
 
 
 def test_a_face_at_rest_that_looks_into_the_camera() -> None:
