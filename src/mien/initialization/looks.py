@@ -22,9 +22,9 @@ PER_DEGREE, PER_UPPER, PER_LOWER = 1 / 50, 20.0, 3.5
 """What a degree of turn, and the distance of brows and lids, and of the lips, from where they mostly are, in distances
 of the eyes, add to the error of a track, that of one begun at rest being 1."""
 PER_DETAIL, LEAST_DETAIL = 7.0, 0.8
-"""What a missing share of the detail that looks mostly have adds to that error, and the share below which it is missing:
-looks at one face in clean video differ by a sixth. Measured on first frames compressed by x264 at rate factors of 28
-and 33, with 0.91 and 0.87 of the detail, which make errors of 1.2 and 1.6."""
+"""What a missing share of the detail that looks mostly have adds to it, and the share below which it is missing: looks
+at one face in clean video differ by a sixth. First frames compressed by x264 at rate factors of 28 and 33, with 0.91
+and 0.87 of the detail, make errors of 1.2 and 1.6."""
 _DETAIL_PX = 96
 """Side of the picture of a face in which its detail is measured."""
 _MORE_TURNED_DEG = 15.0
