@@ -15,7 +15,7 @@ from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.adaptation import Adaptation
-from mien.tracking.person import TRACKED
+from mien.tracking.person import SPECTACLES, TRACKED
 from mien.tracking.realtime import RealtimeTracker
 from small_motion import face, run, turn_error_deg
 
@@ -113,12 +113,13 @@ def _run(sequence: SyntheticSequence, **settings: float) -> tuple[RealtimeTracke
 
 def test_eyes_behind_reflections_are_seen_again() -> None:
     """After half of the turns; without it a third of them is hidden there, or looks strange."""
-    _, error, seen = _run(_with_reflections())
+    tracker, error, seen = _run(_with_reflections())
     _, error_without, seen_without = _run(_with_reflections(), forgetting=0, view_rate=0)
     later = slice(FRAMES // 2, None)
     assert seen_without[later].mean() < 0.75
     assert seen[later].mean() > 0.9
     assert error[later].mean() < 1.15 * error_without[later].mean()
+    assert tracker.person.strangeness > SPECTACLES
 
 
 def test_a_face_that_looks_as_it_should_is_left_alone() -> None:
@@ -126,6 +127,7 @@ def test_a_face_that_looks_as_it_should_is_left_alone() -> None:
     _, error_without, _ = _run(_turning(), forgetting=0)
     assert not tracker.person.adaptation.slope.reshape(2, -1, 128)[:, OTHERS].any()
     assert error.mean() == pytest.approx(error_without.mean(), abs=0.05)
+    assert tracker.person.strangeness < SPECTACLES
 
 
 def test_what_passes_before_the_face_is_not_learned() -> None:

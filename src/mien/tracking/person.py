@@ -22,10 +22,14 @@ from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
 from mien.tracking.state import Closing, Mask
 
-_ANCHORS = {"right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2}
+_TEMPLES = {"right_temple": 47, "left_temple": 14}
+_ANCHORS = {
+    "right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2, **_TEMPLES
+}  # fmt: skip
 TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
 """Names and vertices of what is tracked: the landmarks, and after them anchors that are not reported. These lie far
-apart, and away from the eyes, which spectacles hide."""
+apart, and away from the eyes, which spectacles hide. Light and hair move the look of the temples: their places are
+believed less."""
 JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 """Landmarks that the jaw carries."""
 TRUSTED = 0.25
@@ -38,6 +42,11 @@ _LEARNED = 0.7
 of the pose that was believed then."""
 _SAME_PATCH = 0.9
 """Agreement above which a patch has moved with the face."""
+_TELLING_DEG = (3.0, 14.0)
+"""Turns from the first frame's view in which spectacles show: nearer everything looks as in the first frame, and
+further on the eyes of people without them look strange as well."""
+SPECTACLES = 0.3
+"""`Person.strangeness` above which there is something before the eyes: behind spectacles 0.5 to 1.2, else below 0."""
 
 
 class Person:
@@ -45,7 +54,8 @@ class Person:
 
     neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of a look that is
     as it should be; tolerance: (n,) how much further it may be; variance: (n, 4) systematic error of a landmark's place
-    in pixels of the crop and of the angles that its patch shows.
+    in pixels of the crop and of the angles that its patch shows; strangeness: how much stranger the eyes mostly look
+    than the rest of the face when it turns, logarithm of the ratio of their distances.
     """
 
     def __init__(
@@ -80,7 +90,9 @@ class Person:
         self.tolerance[JAW] *= s.jaw_tolerance
         self.tolerance[_NOSE] *= s.nose_tolerance
         angle = np.radians(s.appearance_angle_sd_deg)
-        self.variance = np.tile(np.square([s.location_sd, s.location_sd, angle, angle]), (n, 1))
+        self.least_variance = np.square([s.temple_sd if name in _TEMPLES else s.location_sd for name in TRACKED])
+        self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
+        self.strangeness: float = before.strangeness if before else 0.0
 
     @property
     def arrays(self) -> tuple[Array, Array]:
@@ -121,27 +133,45 @@ class Person:
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         np.maximum(self.expected, s.least_distance, out=self.expected)
         self._weigh(solution)
-        moved_along = self.eyes & (agreement > _SAME_PATCH)
-        strange = solution.facing & moved_along & (solution.d2 > s.strange_distance * self.expected)
-        if strange.any():
-            self.adaptation.learn_eyes(solution.pose.angles, solution.residual[strange], strange)
+        self._learn_eyes(solution, agreement)
         if s.learn_shape:
             self._learn_shape(solution)
 
     def learn_view(self, solution: Solution, agreement: Array) -> None:
         """How the face looks where it has turned away from the first frame's view: from a frame in which it is known to
         be the same face, however strange it looks. agreement: (n,) of each patch with the motion before."""
-        s, angles = self.settings, solution.pose.angles
-        strange = solution.facing & (agreement > _SAME_PATCH) & (solution.d2 > s.view_strange_distance * self.expected)
-        turned = math.degrees(math.hypot(*(angles - self.adaptation.first))) > s.view_turn_deg
-        if turned and strange.any():
-            self.adaptation.learn_view(angles, solution.residual[strange], strange)
+        s = self.settings
+        strange = self._strange(solution, agreement, s.view_strange_distance)
+        if self._turned_deg(solution) > s.view_turn_deg and strange.any():
+            self.adaptation.learn_view(solution.pose.angles, solution.residual[strange], strange)
+
+    def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
+        """How eyes look that look strange, sooner where they mostly do."""
+        s = self.settings
+        low, high = _TELLING_DEG
+        if low < self._turned_deg(solution) < high:
+            eyes, others = (solution.misfit(self.expected, of) for of in (self.eyes, ~self.eyes))
+            if 0 < eyes < math.inf and 0 < others < math.inf:
+                self.strangeness += s.spectacles_rate * (math.log(eyes / others) - self.strangeness)
+        least = s.strange_distance if self.strangeness < SPECTACLES else s.spectacles_distance
+        strange = self.eyes & self._strange(solution, agreement, least)
+        if strange.any():
+            self.adaptation.learn_eyes(solution.pose.angles, solution.residual[strange], strange)
+
+    def _strange(self, solution: Solution, agreement: Array, least: float) -> Mask:
+        """Landmarks (n,) that have moved with the face and look stranger than `least` times the expected distance."""
+        moved_along = solution.facing & (agreement > _SAME_PATCH)
+        return np.asarray(moved_along & (solution.d2 > least * self.expected))
+
+    def _turned_deg(self, solution: Solution) -> float:
+        """How far the face has turned from the first frame's view."""
+        return math.degrees(math.hypot(*(solution.pose.angles - self.adaptation.first)))
 
     def _weigh(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
         s = self.settings
         found = solution.facing & (solution.w > 1e-3)
-        variance = s.location_sd**2 + solution.misplacement(_FAR)
+        variance = self.least_variance + solution.misplacement(_FAR)
         self.variance[:, :2] += (s.location_rate * found * (variance - self.variance[:, 0]))[:, None]
 
     def _learn_shape(self, solution: Solution) -> None:

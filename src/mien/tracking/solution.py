@@ -118,9 +118,10 @@ class Solution:
         """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
         return inverse_definite(self.H)
 
-    def misfit(self, expected: Array) -> float:
-        """Median, over the landmarks that can be seen, of the squared distance over the expected one."""
-        ratio = np.sort((self.d2 / expected)[self.facing])
+    def misfit(self, expected: Array, of: Mask | None = None) -> float:
+        """Median, over the landmarks that can be seen (those of them that are `of` (n,)), of the squared distance over
+        the expected one; infinite where there is none."""
+        ratio = np.sort((self.d2 / expected)[self.facing if of is None else self.facing & of])
         return float(ratio[len(ratio) // 2]) if len(ratio) else np.inf
 
     def seen(self, most: float) -> Mask:
