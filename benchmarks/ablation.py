@@ -8,7 +8,7 @@ over the sequences of kind `expression`, `jitter` that of `uniform`; the last tw
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -123,12 +123,19 @@ class HalfBrows(RealtimeTracker):
             return super().initialize(frame, landmarks, camera)
 
 
-class WithoutAnchors(RealtimeTracker):
-    """The 26 landmarks alone."""
+class Tracking(RealtimeTracker):
+    """Other vertices than usual are tracked. tracked: their names and numbers, the landmarks first."""
+
+    def __init__(self, tracked: Mapping[str, int]) -> None:
+        super().__init__()
+        self.tracked = tracked
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        with patch.object(person, "TRACKED", LANDMARK_VERTICES):
+        with patch.object(person, "TRACKED", self.tracked):
             return super().initialize(frame, landmarks, camera)
+
+
+WITHOUT_TEMPLES = {name: vertex for name, vertex in person.TRACKED.items() if "temple" not in name}
 
 
 class Unmoved(RealtimeTracker):
@@ -163,7 +170,9 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10, crop_shift=10),
     "descriptors upright for the crop, not for the face": UprightInTheCrop,
     "shape not learned": _set(learn_shape=False),
-    "no anchors beside the 26 landmarks": WithoutAnchors,
+    "no anchors beside the 26 landmarks": lambda: Tracking(LANDMARK_VERTICES),
+    "no temples among the anchors": lambda: Tracking(WITHOUT_TEMPLES),
+    "temples trusted as the other anchors": _set(temple_sd=0.05),
     "depth as certain on a slope as elsewhere": _set(slope_sd=0),
     "outer brows raised alone": HalfBrows,
     "rest of the animation a Gaussian": _set(rest_firmness=0, rest_animation=0.4, rest_jaw=0.65),

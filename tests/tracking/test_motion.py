@@ -167,6 +167,26 @@ def test_what_looks_strange_everywhere_is_compared_everywhere(tracker: RealtimeT
     assert hidden[0] == pytest.approx(1)  # they were seen in the frame before
 
 
+def test_patches_that_are_alike_on_all_faces_do_not_say_whose_this_is(tracker: RealtimeTracker) -> None:
+    """Two thirds of them stay as they are, the others become noise."""
+    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
+    noise = np.random.default_rng(0).normal(128, 40, view.image.shape).astype(np.float32)
+    n = len(tracker.person.neutral)
+    person, weight, alike = tracker.person.arrays, np.ones(n), np.arange(n) % 3 > 0
+    found = []
+    for motion in (
+        Motion(tracker.face.patches, tracker.settings, alike),
+        Motion(tracker.face.patches, tracker.settings),
+    ):
+        motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
+        patches, seen = motion.seen[0]
+        motion.remember(noise, person, tracker.pose.arrays, view.geometry, weight)
+        motion.seen[-1] = (np.where(alike[:, None], patches, motion.seen[-1][0]), seen)
+        found.append(motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)[0])
+    assert found[0] < 0.5
+    assert found[1] > 0.99
+
+
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
     person, prior = tracker.person.arrays, tracker._prior(tracker._stay())

@@ -36,6 +36,7 @@ from mien.tracking.kernels import (
     rotated,
     solve_positive,
 )
+from mien.tracking.state import Mask
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 _RIGID = 6
@@ -57,8 +58,9 @@ class Motion:
     agreement: (n,) correlation of each patch from frame to frame, the mean of the last ones or the last one, if lower.
     """
 
-    def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
-        """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
+    def __init__(self, patches: Array, settings: RealtimeSettings, alike: Mask | None = None) -> None:
+        """patches: (n, m, 3) points around each landmark, relative to it, head axes; alike: (n,) those that do not tell
+        one face from another, none unless given."""
         self.settings = settings
         self.patches = np.ascontiguousarray(np.swapaxes(patches, 1, 2))  # by coordinate: read several points at a time
         floor = np.repeat(
@@ -67,6 +69,7 @@ class Motion:
         )
         floor[6 + JAW_DROP] = settings.prior_jaw  # a mouth that opens shows what the last frame did not
         self.least_drift = floor**2
+        self.telling = np.ones(len(patches)) if alike is None else 1.0 - alike
         self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
         self.agreement = np.ones(len(patches))
@@ -95,8 +98,8 @@ class Motion:
         correlation = (last * patches).sum(axis=1)
         self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
         np.minimum(self.agreement, correlation, out=self.agreement)
-        self.later.append(_median((earlier * patches).sum(axis=1), np.minimum(earlier_weight, weight)))
-        return _median(correlation, last_weight), max(self.later)
+        self.later.append(_median((earlier * patches).sum(axis=1), self.telling * np.minimum(earlier_weight, weight)))
+        return _median(correlation, self.telling * last_weight), max(self.later)
 
     def keep(self, wanted: bool = True) -> None:
         """Keep the patches of 12 frames ago, before something came between; or, unless they are wanted, none."""
@@ -107,7 +110,7 @@ class Motion:
         if self.kept is None:
             return False
         (kept, kept_weight), (patches, weight) = self.kept, self.seen[-1]
-        again = _median((kept * patches).sum(axis=1), np.minimum(kept_weight, weight)) > least
+        again = _median((kept * patches).sum(axis=1), self.telling * np.minimum(kept_weight, weight)) > least
         if again:
             self.kept = None
         return again

@@ -54,8 +54,9 @@ class Person:
 
     neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of a look that is
     as it should be; tolerance: (n,) how much further it may be; variance: (n, 4) systematic error of a landmark's place
-    in pixels of the crop and of the angles that its patch shows; strangeness: how much stranger the eyes mostly look
-    than the rest of the face when it turns, logarithm of the ratio of their distances.
+    in pixels of the crop and of the angles that its patch shows; plain: (n,) those that look much alike on all faces;
+    strangeness: how much stranger the eyes mostly look than the rest of the face when it turns, logarithm of the ratio
+    of their distances.
     """
 
     def __init__(
@@ -90,7 +91,8 @@ class Person:
         self.tolerance[JAW] *= s.jaw_tolerance
         self.tolerance[_NOSE] *= s.nose_tolerance
         angle = np.radians(s.appearance_angle_sd_deg)
-        self.least_variance = np.square([s.temple_sd if name in _TEMPLES else s.location_sd for name in TRACKED])
+        self.plain = np.array([name in _TEMPLES for name in TRACKED])
+        self.least_variance = np.where(self.plain, s.temple_sd, s.location_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
         self.strangeness: float = before.strangeness if before else 0.0
 

@@ -94,7 +94,7 @@ class RealtimeTracker:
         self.rest_information = np.full(6, 1 / s.rest_animation**2)
         self.rest_information[JAW_DROP] = 1 / s.rest_jaw**2
         self.velocity = np.zeros(12)
-        self.motion = Motion(self.face.patches, s)
+        self.motion = Motion(self.face.patches, s, self.person.plain)
         self.scene = Scene(LOOK_BACK)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
