@@ -130,7 +130,7 @@ class RealtimeSettings(Settings):
     forgetting: float = Field(0.1, ge=0, lt=1, description="alpha of Eq. (7), for eyes that look strange")
     strange_distance: float = Field(4.0, ge=0, description="distance over the expected one from which they do")
     spectacles_distance: float = Field(2.5, ge=0, description="the same where they mostly do: behind spectacles")
-    spectacles_rate: float = Field(0.15, ge=0, lt=1, description="how fast it follows what is seen, by frame")
+    spectacles_rate: float = Field(0.15, ge=0, lt=1, description="how fast that is noticed, by frame")
     adaptation_turn_deg: float = Field(5.0, gt=0, description="turn at which half of that is learned")
     view_rate: float = Field(0.3, ge=0, lt=1, description="alpha of Eq. (7), for a face that has turned")
     view_strange_distance: float = Field(2.5, ge=0, description="distance over the expected one from which it learns")

@@ -46,7 +46,8 @@ _TELLING_DEG = (3.0, 14.0)
 """Turns from the first frame's view in which spectacles show: nearer everything looks as in the first frame, and
 further on the eyes of people without them look strange as well."""
 SPECTACLES = 0.3
-"""`Person.strangeness` above which there is something before the eyes: behind spectacles 0.5 to 1.2, else below 0."""
+"""`Person.strangeness` above which there is something before the eyes: 0.5 to 1.2 behind spectacles, else mostly less
+than 0, and 0.5 where somebody frowns."""
 
 
 class Person:
