@@ -107,8 +107,14 @@ class Clipped(RealtimeTracker):
         super().__init__(s.model_copy(update={**plain, "floor": 4e-3}))
 
 
+FIRST_AXES = RealtimeSettings(axes_tilt_share=0, axes_pan_share=0)
+
+
 class FittedAxes(RealtimeTracker):
-    """Nobody is taken to look into the camera when they begin."""
+    """Nobody is taken to look into the camera when they begin, and the axes stay as they are there."""
+
+    def __init__(self) -> None:
+        super().__init__(FIRST_AXES)
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         with patch.object(fit, "most_likely_facing", lambda R, t: (R, np.radians(fit.AXES_SD_DEG))):
@@ -167,6 +173,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "blinks not noticed": _set(closing_share=1e6),
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,
+    "head's axes as the first frame shows them": lambda: RealtimeTracker(FIRST_AXES),
     "one look a frame": _set(crop_roll_deg=180, crop_scale=10, crop_shift=10),
     "descriptors upright for the crop, not for the face": UprightInTheCrop,
     "shape not learned": _set(learn_shape=False),

@@ -118,6 +118,8 @@ class RealtimeSettings(Settings):
     slope_sd: float = Field(0.1, ge=0, description="what the slope of the surface there adds to it, by its tangent")
     eyes_sd: float = Field(0.13, ge=0, description="the same of eyes and brows together: sockets, spectacles")
     lateral_sd: float = Field(0.005, gt=0, description="the same across the ray of the first frame")
+    axes_tilt_share: float = Field(0.2, description="how far the head's axes lean with the shape, in tilt")
+    axes_pan_share: float = Field(0.45, description="the same in pan")
     location_sd: float = Field(0.05, gt=0, description="systematic error of a landmark in pixels of the crop, at least")
     temple_sd: float = Field(2.0, gt=0, description="the same of the temples, whose look light and hair move")
     location_rate: float = Field(0.02, ge=0, lt=1, description="how fast it follows what is measured, by frame")

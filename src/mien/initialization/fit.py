@@ -126,15 +126,17 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     )
 
 
-def most_likely_facing(R: Array, t: Array) -> tuple[Array, Array]:
+def most_likely_facing(
+    R: Array, t: Array, axes_sd_deg: tuple[float, float, float] = AXES_SD_DEG
+) -> tuple[Array, Array]:
     """Expected rotation (3, 3) of a head whose fitted model stands in R (3, 3) at t (3,), camera axes, and the standard
-    deviations (3,) of its tilt, pan and roll in radians.
+    deviations (3,) of its tilt, pan and roll in radians. axes_sd_deg: those of the head's axes from the model's.
 
     The prior is a mixture: a person looks into the camera, nearly, or anywhere. Far from the camera nothing changes.
     """
     ray = ray_rotation(t)
     angles = np.degrees(euler_from_matrix(ray.T @ R @ FACING))
-    axes = np.square(AXES_SD_DEG)
+    axes = np.square(axes_sd_deg)
     frontal, elsewhere = (axes + sd**2 for sd in (FRONTAL_SD_DEG, ELSEWHERE_SD_DEG))
     odds = (1 - FRONTAL_SHARE) / FRONTAL_SHARE * np.sqrt(np.prod(frontal / elsewhere))
     exponent = 0.5 * float((angles**2 * (1 / frontal - 1 / elsewhere)).sum())

@@ -17,6 +17,7 @@ from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels
+from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
 from mien.tracking.first_run import CompiledBeside
 from mien.tracking.learning import Level
@@ -31,7 +32,6 @@ from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
     FAMILIAR,
     SAME_LATER,
-    Reference,
     confidence,
     familiarity,
     frame_variance,
@@ -100,16 +100,15 @@ class RealtimeTracker:
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = self.doubted_frames = 0
         self.known = self.known_then = 1.0
-        self.first = self._reference()
+        self.axes = self._axes()
         settled = self._settle(frame)
-        self.first = self._reference()
-        familiar = familiarity(settled.telling, self.pose.R, self.first.R)
+        self.axes = self._axes()
+        familiar = familiarity(settled.telling, self.pose.R, self.axes.first.R)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
-    def _reference(self) -> Reference:
+    def _axes(self) -> HeadAxes:
         """What rotations are measured from, where the face is now."""
-        t = self.pose.t
-        return Reference(self.pose.R, t / np.linalg.norm(t), self.fit.axes_sd)
+        return HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, self.settings)
 
     def _settle(self, frame: Frame) -> Solution:
         """Move the first pose from where the landmarks put it to where the learned appearance finds it: every later
@@ -141,9 +140,10 @@ class RealtimeTracker:
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head that moves goes on moving, an expression stops
         self.pose, self.lost_frames = solution.pose, 0
-        familiar = familiarity(solution.telling, self.pose.R, self.first.R)
+        familiar = familiarity(solution.telling, self.pose.R, self.axes.first.R)
         if familiar > FAMILIAR and not self._unlike(solution):
             self.person.learn(solution, self.motion.agreement)
+            self.axes.learn(self.person.shape)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         agreements = self._remember(frame, view, solution)
@@ -192,12 +192,12 @@ class RealtimeTracker:
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
-        if estimate.rotation is None or estimate.translation is None:
+        if estimate.model_rotation is None or estimate.translation is None:
             return None
         vertices = self.fit.vertices(estimate.animation)
         if estimate.closing:
             vertices = with_eyes_closed(vertices, estimate.closing.share)
-        return np.asarray(vertices @ estimate.rotation.T + estimate.translation)
+        return np.asarray(vertices @ estimate.model_rotation.T + estimate.translation)
 
     def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
         s, lost = self.settings, self.lost_frames
@@ -337,7 +337,7 @@ class RealtimeTracker:
         a turn does to a face looks like an expression: the further it has turned, the less an expression is believed.
         """
         s, pose = self.settings, predicted.pose
-        turned = turn_squared(pose.R, self.first.R) / math.sin(math.radians(s.rest_turn_deg)) ** 2
+        turned = turn_squared(pose.R, self.axes.first.R) / math.sin(math.radians(s.rest_turn_deg)) ** 2
         moved = (self.pose.animation - self.fit.animation) / s.rest_within
         firm = kernels.firm(self.rest_information, moved, s.rest_firmness, 1 + turned)
         return (*pose.arrays, predicted.information, self.fit.animation, firm)
@@ -369,10 +369,10 @@ class RealtimeTracker:
         share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         covariance = state_covariance(
-            solution.spread, solution.d2[seen], share, self.pose.R, self.first, relief_sd, learned
+            solution.spread, solution.d2[seen], share, self.pose.R, self.axes.first, relief_sd, learned
         )
         sure = confidence(covariance, share, familiar, self.known)
         return Estimate(
-            frame.index, frame.time, status, self.pose.R, self.pose.t, self.pose.animation, covariance, landmarks,
-            sure, self.fit.mm_per_unit, closing=closing,
+            frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t, self.pose.animation,
+            covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing, model_rotation=self.pose.R,
         )  # fmt: skip

@@ -39,8 +39,14 @@ class ShapePosterior:
         self.information = np.linalg.inv(covariance)
         self.vector = np.zeros(neutral.size)
         self.deeper = (_relief(neutral)[:, None] * _rays(neutral, R, t)).ravel()
+        self.slopes = np.linalg.pinv(np.column_stack([neutral[:, 1], -neutral[:, 0], np.ones(len(neutral))]))[:2]
         self.seen: dict[tuple[int, int], float] = {}
         self._solve()
+
+    @property
+    def lean(self) -> Array:
+        """(2,) radians of tilt and pan by which the depths lean from those of the first frame."""
+        return np.asarray(self.slopes @ (self.mean - self.start)[:, 2])
 
     def novelty(self, tilt: float, pan: float, worth: float) -> float:
         """How much of a frame's information at this pose (radians) is new, in [0, 1]; counts the frame.

@@ -24,7 +24,7 @@ NOISE_SCALE = 0.155
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-RELIEF_SCALE, RELIEF_LEAST = 0.42, 0.0235
+RELIEF_SCALE, RELIEF_LEAST = 0.36, 0.0175
 """Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
 small: by that of the relief, and at least."""
 LEARNED_SCALE = 0.15

@@ -1,0 +1,57 @@
+"""The axes of the head, which the first frame shows to a few degrees, and the shape that is learned better.
+
+A face that leans, chin forward or one cheek nearer, looks in one frame like a head that is turned. As turns teach the
+depths they show which of the two it was: where the shape turns out to lean in the model's axes, the head's own axes
+mostly lean with it, by a share that is the regression of one on the other. The axes are then found again as in the
+first frame, of a person who probably looks into the camera there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import Array, exp
+from mien.initialization.fit import FirstFrame, most_likely_facing
+from mien.tracking.shape import ShapePosterior
+from mien.tracking.uncertainty import Reference
+
+_SD_DEG = (3.0, 1.25, 0.8)
+"""Standard deviations of a person's own axes (tilt, pan, roll) from those of a model that leans as its shape does."""
+_LEAST = 5e-4
+"""Change of the lean in radians that moves the axes."""
+
+
+class HeadAxes:
+    """What later rotations are measured from, and which way they are read.
+
+    first: rotation of the model in the first frame, and how well the axes are known; turn: (3, 3), from the axes of the
+    model to those of the head.
+    """
+
+    def __init__(self, fit: FirstFrame, R: Array, t: Array, shape: ShapePosterior, settings: RealtimeSettings) -> None:
+        """R, t: pose of the model in the first frame."""
+        self.fit = fit
+        self.first = Reference(R, t / np.linalg.norm(t), fit.axes_sd)
+        self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
+        self.turn = np.eye(3)
+        self._lean = np.zeros(2)
+        self.learn(shape)
+
+    def learn(self, shape: ShapePosterior) -> None:
+        """Find the axes again, of a shape that has been learned further."""
+        lean = self.share * shape.lean
+        if np.abs(lean - self._lean).max() < _LEAST:
+            return
+        self._lean, fit = lean, self.fit
+        R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.turn, fit.t, _SD_DEG)
+        self.turn = fit.R.T @ R
+        self.first = replace(self.first, axes_sd=sd)
+
+    def rotation(self, R: Array) -> Array:
+        """Rotation (3, 3) of the head where the model has R (3, 3). In the first frame they are the same, so that what
+        is learned later turns nothing there; what has turned since is read in the axes of the head."""
+        first = self.first.R
+        return np.asarray(first @ self.turn.T @ first.T @ R @ self.turn)
