@@ -20,7 +20,7 @@ from mien.tracking.uncertainty import Reference
 
 _SD_DEG = (3.0, 1.25, 0.8)
 """Standard deviations of a person's own axes (tilt, pan, roll) from those of a model that leans as its shape does."""
-_LEAST = 5e-4
+_LEAST = 1e-3
 """Change of the lean in radians that moves the axes."""
 
 
