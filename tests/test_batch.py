@@ -171,6 +171,18 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
         assert _states(track_all([videos / "sub"], out / "sub", wish)) == ["tracked"] * 2
 
 
+def test_settings_that_have_changed_are_used(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    own, out = tmp_path / "own.json", tmp_path / "out"
+    own.write_text('{"view_rate": 0}')
+    wish = Wish(preset=f"realtime:{own}")
+    done = Track.read(tmp_path / "done.csv")
+    Track(done.table, {**done.metadata, "preset": wish.preset}).save(tmp_path / "done.csv")
+    track_all([videos], out, wish)
+    assert _states(track_all([videos], out, wish)) == ["kept"] * 3
+    os.utime(own, (time.time() + 10, time.time() + 10))
+    assert _states(track_all([videos], out, wish)) == ["tracked"] * 3
+
+
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)

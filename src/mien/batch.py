@@ -19,7 +19,7 @@ from mien.output.destination import Destination
 from mien.output.track import Track, track_paths
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Command, Ended, Progress, run_commands
-from mien.registry import create_tracker
+from mien.registry import create_tracker, file_of
 from mien.video import VIDEO_SUFFIXES
 
 SUMMARY = "summary.csv"
@@ -157,11 +157,14 @@ def _command(row: Row, wish: Wish) -> Command:
 
 
 def _kept(row: Row, wish: Wish) -> Row | None:
-    """The row of a video whose files are all there, whole, no older than it, and from the same tracker; else None."""
+    """The row of a video whose files are all there, whole, no older than it, and from the same tracker with the same
+    settings; else None."""
     files = _files(row.table, wish)
     if not all(file.exists() for file in files):
         return None
-    if min(file.stat().st_mtime for file in files) < row.video.stat().st_mtime:
+    settings = file_of(wish.preset)
+    made_from = [row.video] if settings is None else [row.video, settings]
+    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in made_from):
         return None
     try:
         track = Track.read(row.table)

@@ -88,7 +88,7 @@ Faces = Annotated[
         min=1, metavar="N", help="Track up to so many faces, the further ones into NAME.face1.csv, NAME.face2.csv .."
     ),
 ]
-Preset = Annotated[str, typer.Option(help="The tracker.")]
+Preset = Annotated[str, typer.Option(help="The tracker; realtime:FILE with the settings of a JSON, as mien writes it.")]
 Passes = Annotated[
     int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
 ]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import json
+from pathlib import Path
+from typing import Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mien.errors import MienError, require
 
 
 class Settings(BaseModel):
@@ -137,3 +141,27 @@ class RealtimeSettings(Settings):
     view_rate: float = Field(0.3, ge=0, lt=1, description="alpha of Eq. (7), for a face that has turned")
     view_strange_distance: float = Field(2.5, ge=0, description="distance over the expected one from which it learns")
     view_turn_deg: float = Field(12.0, gt=0, description="turn below which it does not")
+
+
+SomeSettings = TypeVar("SomeSettings", bound=Settings)
+
+
+def read_settings(path: Path, kind: type[SomeSettings]) -> SomeSettings:
+    """Settings of a kind from a JSON file: by name, those that differ from the default, or the NAME.json of a track.
+
+    Raises MienError, with the file's name, where it cannot be read, or for an unknown or impossible value.
+    """
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise MienError(f"{path} cannot be read ({error.strerror}); give a JSON file with settings") from error
+    except ValueError as error:
+        raise MienError(f"{path} is no JSON ({error}); give one like the NAME.json that mien writes") from error
+    require(isinstance(values, dict), f'{path} holds no settings by name; give a JSON like {{"view_rate": 0}}')
+    try:
+        return kind.model_validate(values.get("settings", values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(map(str, first["loc"]))
+        wrong = "unknown setting" if first["type"] == "extra_forbidden" else first["msg"].lower()
+        raise MienError(f"{path}: {name}: {wrong}; mien.config.{kind.__name__} has them all") from error

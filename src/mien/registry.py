@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING
 
 from mien.errors import require
 from mien.tracking.state import Tracker
+
+if TYPE_CHECKING:
+    from mien.config import Settings
 
 TRACKERS: Mapping[str, str] = MappingProxyType(
     {
@@ -26,12 +31,17 @@ TRACKERS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def create_tracker(name: str) -> Tracker:
-    """A new tracker with its default settings: NAME, NAME:ARGUMENT (`openface:FILE`), or MODULE:CLASS of your own.
+SETTINGS: Mapping[str, str] = MappingProxyType({"realtime": "RealtimeSettings", "paper": "PaperSettings"})
+"""The settings in `mien.config` of the trackers that take a file of them."""
 
-    Raises MienError with the known names for an unknown one.
+
+def create_tracker(name: str) -> Tracker:
+    """A new tracker: NAME with its default settings, `realtime:FILE` or `paper:FILE` with those of a JSON file,
+    `openface:FILE`, or MODULE:CLASS of your own.
+
+    Raises MienError with the known names for an unknown one, and for settings that are not right.
     """
-    known, _, argument = name.partition(":")
+    known = name.partition(":")[0]
     module, _, cls = TRACKERS.get(known, name).partition(":")
     tracker = getattr(_module(module, name), cls, None) if cls else None
     require(
@@ -39,8 +49,25 @@ def create_tracker(name: str) -> Tracker:
         f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, or MODULE:CLASS of your own",
     )
     assert tracker is not None
-    made: Tracker = tracker(argument) if argument and known in TRACKERS else tracker()
+    file = file_of(name)
+    made: Tracker = tracker() if file is None else tracker(_argument(known, file))
     return made
+
+
+def file_of(name: str) -> Path | None:
+    """The file, or folder, that a tracker is to read, of its name; None where there is none."""
+    known, _, argument = name.partition(":")
+    return Path(argument) if argument and known in TRACKERS else None
+
+
+def _argument(known: str, file: Path) -> Settings | str:
+    """What one of mien's trackers takes for a file."""
+    require(known in SETTINGS or known == "openface", f"{known} reads no file; give its name alone")
+    if known not in SETTINGS:
+        return str(file)
+    config = import_module("mien.config")
+    settings: Settings = config.read_settings(file, getattr(config, SETTINGS[known]))
+    return settings
 
 
 def _module(module: str, name: str) -> ModuleType | None:

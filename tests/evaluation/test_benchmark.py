@@ -11,7 +11,8 @@ import pytest
 
 from evaluation import tiny
 from mien.errors import MienError
-from mien.evaluation.benchmark import run_plan
+from mien.evaluation.benchmark import run_plan, track_job
+from mien.evaluation.datasets import load_dataset
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.scores import load_scores
@@ -121,6 +122,22 @@ def test_openface_output_beside_a_tracker(tmp_path: Path) -> None:
     assert not read.track.lost.any()
     assert "no such file" in _result(plan, "openface:openface", "b_wide1").failure
     assert not (plan.out / "timing").exists()
+
+
+def test_settings_of_a_file_are_a_tracker_of_their_own(tmp_path: Path) -> None:
+    own = tmp_path / "own.json"
+    own.write_text('{"view_rate": 0}')
+    plan = _plan(tmp_path, STILL, f"realtime:{own}")
+    sequence = load_dataset("rendered", plan.root)[0]
+    before = track_job(plan, plan.trackers[1], sequence)
+    assert before.settings["tracker"] == label(plan.trackers[1]) == "realtime:own.json"
+    changed = tmp_path / "changed" / "own.json"
+    changed.parent.mkdir()
+    changed.write_text('{"view_rate": 0.1}')
+    assert track_job(plan, f"realtime:{changed}", sequence).settings != before.settings
+    own.write_text('{"view_rat": 0}')
+    with pytest.raises(MienError, match="view_rat: unknown setting"):
+        replace(plan)
 
 
 def test_commands_in_processes() -> None:

@@ -23,6 +23,7 @@ from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, r
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
 from mien.processes import Command, Progress, run_commands
+from mien.registry import file_of
 
 DEFAULT_TIME_LIMIT = 1800.0
 """Seconds that one tracker may take for one sequence."""
@@ -92,13 +93,15 @@ def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
 def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
     """A tracker on a sequence, with the settings that tell whether an old result may be kept."""
     first = first_frame_job(plan, sequence)
-    own = f"{tracker}/{sequence.name}.csv" if replays(tracker) and _argument(tracker).is_dir() else tracker
+    file = file_of(tracker)
+    own = f"{tracker}/{sequence.name}.csv" if file and file.is_dir() else tracker
+    read = file_of(own)
     name = label(tracker)
     settings = {
         "version": __version__,
         "code": code_checksum(),
         "tracker": name,
-        "input": _checksum(_argument(own)) if replays(own) and _argument(own).is_file() else "",
+        "input": _checksum(read) if read and read.is_file() else "",
         "landmarks": _checksum(Path(first.out)) if Path(first.out).exists() else "",
         "video": _checksum(sequence.video),
         "truth": _digest([_checksum(f) for f in sequence.truth_files]),
@@ -205,10 +208,6 @@ def _require_same_dataset(plan: Plan) -> None:
             before == plan.dataset,
             f"{plan.out} holds results of the data set {before}; choose another folder for {plan.dataset}",
         )
-
-
-def _argument(tracker: str) -> Path:
-    return Path(tracker.partition(":")[2])
 
 
 @cache

@@ -12,7 +12,7 @@ from mien._version import __version__
 from mien.errors import MienError, require
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, protocol_named
 from mien.files import whole_file
-from mien.registry import TRACKERS
+from mien.registry import TRACKERS, create_tracker, file_of
 
 LANDMARK_SOURCES = ("detected", "truth")
 
@@ -97,8 +97,8 @@ class Evaluation:
 
 def label(tracker: str) -> str:
     """A tracker's name in tables: of `openface:PATH` only the last part of the path."""
-    name, _, argument = tracker.partition(":")
-    return f"{name}:{Path(argument).name}" if argument and name in TRACKERS else tracker
+    file = file_of(tracker)
+    return tracker if file is None else f"{tracker.partition(':')[0]}:{file.name}"
 
 
 def replays(tracker: str) -> bool:
@@ -146,3 +146,5 @@ def _require_known(tracker: str) -> None:
     if name == "openface":
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
         require(Path(argument).exists(), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
+    elif file_of(tracker):
+        create_tracker(tracker)  # settings that are wrong are told now, and not of every sequence

@@ -1,0 +1,67 @@
+"""Trackers by name, with the settings of a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mien
+from mien.config import PaperSettings, RealtimeSettings
+from mien.errors import MienError
+from mien.registry import create_tracker, file_of
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.tracker import PaperTracker
+from videos import known_portrait, portrait_images, write_video
+
+
+def _written(path: Path, values: Any) -> Path:
+    path.write_text(values if isinstance(values, str) else json.dumps(values), encoding="utf-8")
+    return path
+
+
+def test_settings_that_differ_come_from_a_file(tmp_path: Path) -> None:
+    tracker = create_tracker(f"realtime:{_written(tmp_path / 'own.json', {'view_rate': 0, 'rank': 12})}")
+    assert isinstance(tracker, RealtimeTracker)
+    assert tracker.settings == RealtimeSettings(view_rate=0, rank=12)
+    paper = create_tracker(f"paper:{_written(tmp_path / 'paper.json', {'seed': 3})}")
+    assert isinstance(paper, PaperTracker)
+    assert paper.settings == PaperSettings(seed=3)
+
+
+def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: Path) -> None:
+    video, known = write_video(tmp_path / "face.mp4", portrait_images(), fps=25), known_portrait().landmarks
+    own = _written(tmp_path / "own.json", {"views_per_angle": 5})
+    first = mien.track(video, preset=f"realtime:{own}", landmarks=known, save=tmp_path / "first.csv")
+    again = mien.track(video, preset=f"realtime:{tmp_path / 'first.json'}", landmarks=known)
+    assert first.metadata["settings"]["views_per_angle"] == 5
+    assert again.metadata["settings"] == first.metadata["settings"]
+    np.testing.assert_array_equal(again.euler_deg, first.euler_deg)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"view_rat": 0}, "own.json: view_rat: unknown setting; mien.config.RealtimeSettings has them all"),
+        ({"rank": -1}, "own.json: rank: input should be greater than or equal to 0"),
+        ({"descriptor": {"cell": "four"}}, "own.json: descriptor.cell: input should be a valid integer"),
+        ({"settings": {"preset": "paper"}}, "own.json: preset: input should be 'realtime'"),
+        ([1], "own.json holds no settings by name"),
+        ("{", "own.json is no JSON"),
+    ],
+)
+def test_settings_that_are_wrong_are_refused_by_name(tmp_path: Path, values: Any, message: str) -> None:
+    with pytest.raises(MienError, match=message):
+        create_tracker(f"realtime:{_written(tmp_path / 'own.json', values)}")
+
+
+def test_a_file_that_is_not_there_and_one_that_nobody_reads(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match=r"none\.json cannot be read"):
+        create_tracker(f"realtime:{tmp_path / 'none.json'}")
+    with pytest.raises(MienError, match="xiao-2003 reads no file"):
+        create_tracker("xiao-2003:own.json")
+    assert file_of("realtime:own.json") == Path("own.json")
+    assert file_of("realtime") is file_of("mymodule:MyTracker") is None
