@@ -55,3 +55,8 @@ class HeadAxes:
         is learned later turns nothing there; what has turned since is read in the axes of the head."""
         first = self.first.R
         return np.asarray(first @ self.turn.T @ first.T @ R @ self.turn)
+
+    def model_rotation(self, R: Array) -> Array:
+        """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
+        first = self.first.R
+        return np.asarray(first @ self.turn @ first.T @ R @ self.turn.T)

@@ -192,12 +192,12 @@ class RealtimeTracker:
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
-        if estimate.model_rotation is None or estimate.translation is None:
+        if estimate.rotation is None or estimate.translation is None:
             return None
         vertices = self.fit.vertices(estimate.animation)
         if estimate.closing:
             vertices = with_eyes_closed(vertices, estimate.closing.share)
-        return np.asarray(vertices @ estimate.model_rotation.T + estimate.translation)
+        return np.asarray(vertices @ self.axes.model_rotation(estimate.rotation).T + estimate.translation)
 
     def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
         s, lost = self.settings, self.lost_frames
@@ -374,5 +374,5 @@ class RealtimeTracker:
         sure = confidence(covariance, share, familiar, self.known)
         return Estimate(
             frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t, self.pose.animation,
-            covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing, model_rotation=self.pose.R,
+            covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
         )  # fmt: skip

@@ -66,7 +66,7 @@ class Estimate:
     of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
     turns the estimate into the truth, beyond what the first frame's needs; confidence in [0, 1]: the probability that
     the rotation is right to 5 degrees. What a tracker does not estimate is None. mm_per_unit converts lengths at the
-    boundary. model_rotation: (3, 3) of the fitted model, where its axes are not quite those of the head.
+    boundary.
     """
 
     index: int
@@ -81,7 +81,6 @@ class Estimate:
     mm_per_unit: float = 1.0
     reason: str = ""
     closing: Closing | None = None
-    model_rotation: Array | None = None
 
     @classmethod
     def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:
