@@ -12,6 +12,7 @@ from long_motion import sequence
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import FACING, Array, angle_between, exp, log, matrix_from_euler, ray_rotation
 from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.output.track import Track
 from mien.tracking.axes import HeadAxes
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.shape import ShapePosterior
@@ -89,3 +90,5 @@ def test_the_mesh_stays_on_the_face() -> None:
         assert np.linalg.norm(where - landmarks.image[_FIRM_NAMES], axis=1).mean() < 2
         apart.append(np.degrees(angle_between(np.asarray(estimate.rotation), tracker.pose.R)))
     assert np.max(apart) > 2
+    (read,) = Track.from_estimates([estimate]).estimates()  # as where several faces are drawn
+    np.testing.assert_allclose(np.asarray(tracker.mesh(read)), mesh, atol=1e-3)
