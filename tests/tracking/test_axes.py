@@ -90,5 +90,6 @@ def test_the_mesh_stays_on_the_face() -> None:
         assert np.linalg.norm(where - landmarks.image[_FIRM_NAMES], axis=1).mean() < 2
         apart.append(np.degrees(angle_between(np.asarray(estimate.rotation), tracker.pose.R)))
     assert np.max(apart) > 2
-    (read,) = Track.from_estimates([estimate]).estimates()  # as where several faces are drawn
+    table = Track.from_estimates([estimate], {"mm_per_unit": estimate.mm_per_unit})
+    (read,) = table.estimates()  # as where several faces are drawn
     np.testing.assert_allclose(np.asarray(tracker.mesh(read)), mesh, atol=1e-3)
