@@ -1,0 +1,42 @@
+"""Faces that move faster: what the tracker makes of every frame, and of every second, third and fifth alone. Tables of
+`mien report`.
+
+`OMP_NUM_THREADS=1 python benchmarks/fast_motion.py PATH`, with PATH a folder of rendered sequences. Protocol `rebased`,
+landmarks from the detector.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from ablation import prepare, print_tables, score, thinned
+
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence
+from mien.evaluation.scores import Score
+from mien.evaluation.tables import angles_by_kind, by_kind, calibration
+from mien.tracking.realtime import RealtimeTracker
+
+STEPS = {"every frame": 1, "every second": 2, "every third": 3, "every fifth": 5}
+
+
+def at_each_rate(sequence: Sequence) -> Iterator[Score]:
+    """What a new tracker makes of a sequence at each rate."""
+    run = prepare(sequence)
+    for name, step in STEPS.items():
+        made = score(RealtimeTracker, thinned(run, step))
+        yield replace(made, result=replace(made.result, tracker=name))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    sequences = load_dataset("rendered", parser.parse_args().path)
+    print_tables((made for s in sequences for made in at_each_rate(s)), (by_kind, angles_by_kind, calibration))
+
+
+if __name__ == "__main__":
+    main()
