@@ -509,7 +509,7 @@ def test_interrupt_before_the_first_frame_writes_nothing(
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Path, number: int) -> None:
-    """A whole process, which sends itself the signal before the fourth frame; a job in the background ignores one."""
+    """A whole process, which sends itself the signal before the fourth frame, Ctrl-C also as a background job."""
     code = (
         "import os, signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from mien.cli import main\nfrom mien.tracking.realtime import RealtimeTracker\n"

@@ -49,8 +49,8 @@ def create_tracker(name: str) -> Tracker:
         f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, or MODULE:CLASS of your own",
     )
     assert tracker is not None
-    file = file_of(name)
-    made: Tracker = tracker() if file is None else tracker(_argument(known, file))
+    argument = argument_of(name)
+    made: Tracker = tracker() if argument is None else tracker(argument)
     return made
 
 
@@ -60,8 +60,12 @@ def file_of(name: str) -> Path | None:
     return Path(argument) if argument and known in TRACKERS else None
 
 
-def _argument(known: str, file: Path) -> Settings | str:
-    """What one of mien's trackers takes for a file."""
+def argument_of(name: str) -> Settings | str | None:
+    """What a tracker takes for its file: the settings in it, or its name; None where there is none."""
+    file = file_of(name)
+    if file is None:
+        return None
+    known = name.partition(":")[0]
     require(known in SETTINGS or known == "openface", f"{known} reads no file; give its name alone")
     if known not in SETTINGS:
         return str(file)

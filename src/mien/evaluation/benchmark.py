@@ -93,15 +93,15 @@ def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
 def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
     """A tracker on a sequence, with the settings that tell whether an old result may be kept."""
     first = first_frame_job(plan, sequence)
-    file = file_of(tracker)
-    own = f"{tracker}/{sequence.name}.csv" if file and file.is_dir() else tracker
-    read = file_of(own)
+    own, file = tracker, file_of(tracker)
+    if file and file.is_dir():
+        own, file = f"{tracker}/{sequence.name}.csv", file / f"{sequence.name}.csv"
     name = label(tracker)
     settings = {
         "version": __version__,
         "code": code_checksum(),
         "tracker": name,
-        "input": _checksum(read) if read and read.is_file() else "",
+        "input": _checksum(file) if file and file.is_file() else "",
         "landmarks": _checksum(Path(first.out)) if Path(first.out).exists() else "",
         "video": _checksum(sequence.video),
         "truth": _digest([_checksum(f) for f in sequence.truth_files]),

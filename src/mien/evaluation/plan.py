@@ -12,7 +12,7 @@ from mien._version import __version__
 from mien.errors import MienError, require
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, protocol_named
 from mien.files import whole_file
-from mien.registry import TRACKERS, create_tracker, file_of
+from mien.registry import TRACKERS, argument_of, file_of
 
 LANDMARK_SOURCES = ("detected", "truth")
 
@@ -146,5 +146,4 @@ def _require_known(tracker: str) -> None:
     if name == "openface":
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
         require(Path(argument).exists(), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
-    elif file_of(tracker):
-        create_tracker(tracker)  # settings that are wrong are told now, and not of every sequence
+    argument_of(tracker)  # settings that are wrong are told now, and not of every sequence
