@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -237,6 +238,37 @@ def test_stopped_on_the_way_back_the_rows_are_kept(
     kept = mien.Track.read(tmp_path / "out")
     assert kept.index.tolist() == [1, 2]
     assert not kept.metadata["complete"]
+
+
+class WiserTracker(StillTracker):
+    """Knows in the end that all it has told was turned."""
+
+    def __init__(self, stops: bool = False) -> None:
+        self.stops = stops
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        self.axes = SimpleNamespace(tell_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
+        return super().initialize(frame, landmarks, camera)
+
+    def track(self, frame: Frame) -> Estimate:
+        if self.stops and frame.index == 4:
+            raise KeyboardInterrupt
+        return super().track(frame)
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_all_rotations_are_told_as_they_are_known_in_the_end(
+    stops: bool, monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: WiserTracker(stops))
+    marks = known_portrait().landmarks
+    if stops:
+        with pytest.warns(MienWarning, match="stopped after 4 frames"), pytest.raises(KeyboardInterrupt):
+            mien.track(folder, landmarks=marks, save=tmp_path / "out")
+    else:
+        mien.track(folder, landmarks=marks, save=tmp_path / "out")
+    kept = mien.Track.read(tmp_path / "out")
+    np.testing.assert_allclose(np.radians(kept.euler_deg), [[0.0, 0.05, 0.0]] * (4 if stops else 6), atol=1e-6)
 
 
 class PatientTracker(StillTracker):

@@ -30,6 +30,7 @@ from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import create_tracker
 from mien.start import TURNED_DEG, Footage, Start, prepare
+from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Video, backwards, open_video
 
@@ -59,6 +60,13 @@ class RepeatableTracker(Protocol):
     """A tracker that can begin again, with what it has learned."""
 
     def again(self) -> Tracker: ...
+
+
+@runtime_checkable
+class AxesTracker(Protocol):
+    """A tracker that finds the axes of the head better while it tracks it."""
+
+    axes: HeadAxes
 
 
 def track(
@@ -143,19 +151,19 @@ def tracked(
 def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
     """The track of one pass, of which only the last is drawn, and the tracker that has learned from all of it; where it
     is stopped, what it has is written, unless a whole pass already is."""
-    begin = this.begin
+    begin, tracker = this.begin, this.tracker
     earlier: dict[int, Estimate] = {}
     with Recorder(files.table, this.face_id) as recorder:
         try:
-            for estimate in run_back(this.tracker, begin):
+            for estimate in run_back(tracker, begin):
                 earlier[estimate.index] = estimate
                 if estimate.index >= begin.told:
                     tell(estimate)
-            onwards = _next_tracker(this) if earlier else this.tracker
+            tracker = _next_tracker(this) if earlier else tracker
             with drawing(files.overlay if last else None, this) as draw:
-                for frame, estimate in run(onwards, begin, earlier):
+                for frame, estimate in run(tracker, begin, earlier):
                     recorder.add(estimate)
-                    draw(frame, estimate)
+                    draw(frame, estimate, this.tracker if frame.index in earlier else tracker)
                     if estimate.status is Status.INITIALIZED and this.turn == 1:
                         warn_of_a_turned_face(estimate, begin.footage.video.name)
                     if frame.index >= begin.told and frame.index not in earlier:
@@ -169,10 +177,16 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
             elif recorder.count and files.table is not None:
                 with suppress(MienError):  # what stopped it matters more than that its rows cannot be written
                     stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
-                    files.write(recorder.track(metadata(this, recorder, stopped)))
+                    files.write(_told(recorder, tracker, metadata(this, recorder, stopped)))
                     warn(f"stopped after {recorder.count} frames, which are in {files.table}")
             raise
-        return recorder.track(metadata(this, recorder)), onwards
+        return _told(recorder, tracker, metadata(this, recorder)), tracker
+
+
+def _told(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:
+    """What was recorded, its rotations turned to what a tracker knows of the head's axes by now."""
+    track = recorder.track(values)
+    return track.turned(tracker.axes.tell_anew()) if isinstance(tracker, AxesTracker) else track
 
 
 def _next_tracker(this: Pass) -> Tracker:
@@ -258,10 +272,11 @@ def run(
 
 
 @contextmanager
-def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate], None]]:
-    """A function that draws an estimate on its frame, into the video `path` and on the screen where they are wanted."""
+def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate, Tracker], None]]:
+    """A function that draws an estimate of a tracker on its frame, into the video `path` and on the screen where they
+    are wanted."""
     if path is None and not this.show:
-        yield lambda frame, estimate: None
+        yield lambda frame, estimate, tracker: None
         return
     from mien.output.overlay import OverlayWriter, Shown, draw
 
@@ -269,8 +284,8 @@ def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate
         writer = opened.enter_context(OverlayWriter(path)) if path else None
         window = opened.enter_context(Window(this.begin.footage.video.name)) if this.show else None
 
-        def drawn(frame: Frame, estimate: Estimate) -> None:
-            picture = draw(frame, [Shown(estimate, mesh_of(this.tracker, estimate))], this.begin.camera)
+        def drawn(frame: Frame, estimate: Estimate, tracker: Tracker) -> None:
+            picture = draw(frame, [Shown(estimate, mesh_of(tracker, estimate))], this.begin.camera)
             if writer:
                 writer.write(picture, frame.time)
             if window:

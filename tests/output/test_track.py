@@ -14,7 +14,8 @@ import pytest
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.frame import Frame
-from mien.geometry.rotation import FACING, matrix_from_euler
+from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
+from mien.output.columns import ROTATION
 from mien.output.track import BATCH, Recorder, Track, track_paths
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 
@@ -155,6 +156,25 @@ def test_pandas_has_numbers_and_missing_values(track: Track) -> None:
     table = track.to_pandas()
     assert table["pose_Ry"].isna().tolist() == [False, False, True, False]
     assert table["frame"].dtype == np.int64
+
+
+def test_every_rotation_is_turned_alike(track: Track) -> None:
+    turn = exp(np.array([0.02, -0.03, 0.01]))
+    turned = track.turned(turn)
+    for before, after in zip(track.euler_deg, turned.euler_deg, strict=True):
+        if np.isnan(before).any():
+            assert np.isnan(after).all()
+        else:
+            expected = euler_from_matrix(turn @ matrix_from_euler(np.radians(before)))
+            np.testing.assert_allclose(np.radians(after), expected, atol=1e-6)
+    assert turned.table.column_names == track.table.column_names
+    assert turned.table.drop_columns(list(ROTATION)) == track.table.drop_columns(list(ROTATION))
+    assert turned.table["pose_Rx"].null_count == track.table["pose_Rx"].null_count > 0
+
+
+def test_a_track_without_rotations_has_none_to_turn() -> None:
+    track = Track.from_estimates([lost(0), lost(1)])
+    assert track.turned(exp(np.array([0.1, 0.0, 0.0]))) is track
 
 
 def test_without_pandas_the_remedy_is_named(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:

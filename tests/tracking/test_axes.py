@@ -76,6 +76,19 @@ def test_turns_are_read_in_the_axes_of_the_head(tracker: RealtimeTracker) -> Non
     np.testing.assert_allclose(axes.first.R.T @ R, own, atol=1e-12)
 
 
+def test_what_is_told_anew_turns_all_frames_alike(tracker: RealtimeTracker) -> None:
+    """To the rotations that the head has in the axes that are known now, and the model stays where it was."""
+    axes = _axes(tracker, np.array([8.0, -6.0]))
+    models = [axes.first.R, exp(np.radians([10.0, -30.0, 5.0])) @ axes.first.R]
+    before = [axes.rotation(R) for R in models]
+    turn = axes.tell_anew()
+    for R, told in zip(models, before, strict=True):
+        np.testing.assert_allclose(turn @ told, R @ axes.turn, atol=1e-12)
+        np.testing.assert_allclose(axes.rotation(R), R @ axes.turn, atol=1e-12)
+        np.testing.assert_allclose(axes.model_rotation(R @ axes.turn), R, atol=1e-12)
+    np.testing.assert_allclose(axes.tell_anew(), np.eye(3), atol=1e-12)
+
+
 def test_the_mesh_stays_on_the_face() -> None:
     """It is drawn where the model is, however far the axes of the head have moved since the first frame."""
     tracker = RealtimeTracker(RealtimeSettings(axes_tilt_share=3.0, axes_pan_share=3.0))

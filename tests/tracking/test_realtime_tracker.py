@@ -16,13 +16,13 @@ from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.synthetic import make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from mien.tracking.tracker import PaperTracker
 from mien.video import open_video
-from small_motion import face, run
+from small_motion import face, run, small_motion
 from videos import known_portrait, portrait_images, turn_by_metadata, write_video
 
 
@@ -49,6 +49,24 @@ def test_spectacles_are_followed() -> None:
     errors = errors_deg(run(RealtimeTracker(), with_spectacles()), with_spectacles())
     assert errors.mean() < 1.5
     assert errors.max() < 3.2
+
+
+def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None:
+    """Also where the fitted model does not reach them; those that an annotation lacks are the model's."""
+    sequence = small_motion()
+    given = face().landmarks
+    vertices, points, _ = given.correspondences()
+    known = [i for i, vertex in enumerate(LANDMARK_VERTICES.values()) if vertex in vertices]
+    rows = [list(vertices).index(list(LANDMARK_VERTICES.values())[i]) for i in known]
+    assert len(known) > 20
+    first, *_, last = run(RealtimeTracker(), sequence)
+    assert first.landmarks is not None
+    assert last.landmarks is not None
+    np.testing.assert_allclose(first.landmarks.image[known], points[rows], atol=0.1)  # lids that have moved since
+    beside = points[rows] - sequence.landmarks[0, known]  # of the drawn head's own vertices
+    assert np.linalg.norm(beside, axis=1).max() > 1
+    off = last.landmarks.image[known] - sequence.landmarks[-1, known]
+    assert np.linalg.norm(off - beside, axis=1).mean() < 0.5
 
 
 def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:

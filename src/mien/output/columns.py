@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from mien.candide.model import TRACKED_UNITS
-from mien.geometry.rotation import FACING, Array, matrix_from_euler
+from mien.geometry.rotation import FACING, Array, euler_from_matrix, matrix_from_euler
 from mien.tracking.state import EYES_CLOSED, Closing, Estimate, Status, TrackedLandmarks
 
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
@@ -154,6 +154,20 @@ def lost_rows(table: pa.Table, reason: pa.Array) -> pa.Table:
         columns[name] = compute.if_else(kept, columns[name], pa.scalar(fixed.get(name), columns[name].type))
     columns["reason"] = compute.if_else(kept, before, reason)
     return pa.table({name: columns[name] for name in in_order(list(columns))})
+
+
+def turned_rows(table: pa.Table, R: Array) -> pa.Table:
+    """The table with every rotation turned by R (3, 3), in camera axes."""
+    from scipy.spatial.transform import Rotation
+
+    angles = np.stack([table.column(name).to_numpy() for name in ROTATION], axis=1)
+    known = ~np.isnan(angles).any(axis=1)
+    turned = R @ Rotation.from_euler("XYZ", angles[known]).as_matrix()
+    decimals = next(group.decimals for group in _POSE if group.names == ROTATION)
+    angles[known] = np.round(euler_from_matrix(turned), decimals)
+    for column, name in zip(angles.T, ROTATION, strict=True):
+        table = table.set_column(table.column_names.index(name), name, pa.array(column, from_pandas=True))
+    return table
 
 
 def cell_type(name: str) -> pa.DataType:

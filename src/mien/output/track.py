@@ -30,6 +30,7 @@ from mien.output.columns import (
     in_order,
     lost_rows,
     table_of,
+    turned_rows,
 )
 from mien.tracking.state import EYES_CLOSED, Estimate
 
@@ -136,6 +137,12 @@ class Track:
         """The track with the face lost in the frames for which there is a reason, one or None for every frame."""
         reason = pa.array(reasons, pa.string())
         return replace(self, table=lost_rows(self.table, reason)) if reason.null_count < len(reason) else self
+
+    def turned(self, R: Array) -> Track:
+        """The track with the rotation (3, 3) of every frame turned by R (3, 3), in camera axes."""
+        if not set(ROTATION) <= set(self.table.column_names) or np.array_equal(R, np.eye(3)):
+            return self
+        return replace(self, table=turned_rows(self.table, R))
 
     def estimates(self) -> Iterator[Estimate]:
         """The estimate of every frame, as the table holds it: without covariance, and rounded."""

@@ -4,6 +4,9 @@ A face that leans, chin forward or one cheek nearer, looks in one frame like a h
 depths they show which of the two it was: where the shape turns out to lean in the model's axes, the head's own axes
 mostly lean with it, by a share that is the regression of one on the other. The axes are then found again as in the
 first frame, of a person who probably looks into the camera there.
+
+What has been told of the first frame stays, so that a head that comes back has the rotation with which it began. When
+all frames are known, all rotations are turned alike to what is known then of the first.
 """
 
 from __future__ import annotations
@@ -27,14 +30,15 @@ _LEAST = 1e-3
 class HeadAxes:
     """What later rotations are measured from, and which way they are read.
 
-    first: rotation of the model in the first frame, and how well the axes are known; turn: (3, 3), from the axes of the
-    model to those of the head.
+    first: rotation of the model in the first frame, and how well the axes are known; told: (3, 3) rotation of the head
+    that was told of it; turn: (3, 3), from the axes of the model to those of the head.
     """
 
     def __init__(self, fit: FirstFrame, R: Array, t: Array, shape: ShapePosterior, settings: RealtimeSettings) -> None:
         """R, t: pose of the model in the first frame."""
         self.fit = fit
         self.first = Reference(R, t / np.linalg.norm(t), fit.axes_sd)
+        self.told = R
         self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
         self.turn = np.eye(3)
         self._lean = np.zeros(2)
@@ -51,12 +55,16 @@ class HeadAxes:
         self.first = replace(self.first, axes_sd=sd)
 
     def rotation(self, R: Array) -> Array:
-        """Rotation (3, 3) of the head where the model has R (3, 3). In the first frame they are the same, so that what
-        is learned later turns nothing there; what has turned since is read in the axes of the head."""
-        first = self.first.R
-        return np.asarray(first @ self.turn.T @ first.T @ R @ self.turn)
+        """Rotation (3, 3) of the head where the model has R (3, 3): in the first frame the one that was told, so that
+        what is learned later turns nothing there; what has turned since is read in the axes of the head."""
+        return np.asarray(self.told @ self.turn.T @ self.first.R.T @ R @ self.turn)
 
     def model_rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
-        first = self.first.R
-        return np.asarray(first @ self.turn @ first.T @ R @ self.turn.T)
+        return np.asarray(self.first.R @ self.turn @ self.told.T @ R @ self.turn.T)
+
+    def tell_anew(self) -> Array:
+        """Tell of the first frame what is known now; returns the rotation (3, 3), in camera axes, that turns all that
+        was told so far to it."""
+        before, self.told = self.told, self.first.R @ self.turn
+        return np.asarray(self.told @ before.T)

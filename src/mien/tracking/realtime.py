@@ -15,7 +15,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels
 from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
@@ -103,6 +103,7 @@ class RealtimeTracker:
         self.axes = self._axes()
         settled = self._settle(frame)
         self.axes = self._axes()
+        self.beside = self._beside(landmarks)
         familiar = familiarity(settled.telling, self.pose.R, self.axes.first.R)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
@@ -119,6 +120,17 @@ class RealtimeTracker:
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         return solution
+
+    def _beside(self, landmarks: Landmarks) -> Array:
+        """How far, (26, 3) in head axes, the landmarks of the first frame lie beside those of the model across the
+        view, where the face is now; nothing for those that were not given."""
+        X = self.person.posed(self.pose)[: len(LANDMARK_NAMES)]
+        beside = np.zeros_like(X)
+        given = dict(zip(*landmarks.correspondences()[:2], strict=True))
+        known = [i for i, vertex in enumerate(LANDMARK_VERTICES.values()) if vertex in given]
+        points = np.array([given[vertex] for vertex in LANDMARK_VERTICES.values() if vertex in given])
+        beside[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
+        return np.asarray(beside @ self.pose.R)
 
     def track(self, frame: Frame) -> Estimate:
         """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for."""
@@ -360,7 +372,7 @@ class RealtimeTracker:
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error. familiar: see `familiarity`."""
         n = len(LANDMARK_NAMES)
-        X, closing = self.person.posed(self.pose)[:n], self.closing
+        X, closing = self.person.posed(self.pose)[:n] + self.beside @ self.pose.R.T, self.closing
         if closing:
             X[_UPPER_LIDS], X[_LOWER_LIDS] = closed_lids(X[_UPPER_LIDS], X[_LOWER_LIDS], closing.share)
         seen = solution.seen(self.settings.seen_distance)
