@@ -66,7 +66,7 @@ def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None
     beside = points[rows] - sequence.landmarks[0, known]  # of the drawn head's own vertices
     assert np.linalg.norm(beside, axis=1).max() > 1
     off = last.landmarks.image[known] - sequence.landmarks[-1, known]
-    assert np.linalg.norm(off - beside, axis=1).mean() < 0.5
+    assert np.linalg.norm(off - beside, axis=1).mean() < 0.7  # 0.9 with those of the model
 
 
 def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
