@@ -81,6 +81,21 @@ def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
     assert (variance[1] > variance[0]).mean() > 0.9
 
 
+def test_what_the_nose_hides_is_hidden() -> None:
+    """Of a face that turns away the inner corner of the further eye, and nothing from the front."""
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    depth, right, left = (
+        tracker.settings.hidden_depth,
+        *(LANDMARK_NAMES.index(f"{side}_eye_inner_corner") for side in ("right", "left")),
+    )
+    level, n = tracker.face.fine, len(LANDMARK_NAMES)
+    assert not (level.depth_behind(np.zeros(2)) > depth)[:n].any()
+    away = np.radians(60.0)
+    hidden = [level.depth_behind(np.array([0.0, pan])) > depth for pan in (-away, away)]
+    assert sorted((bool(h[right]), bool(h[left])) for h in hidden) == [(False, True), (True, False)]
+
+
 def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
     first, landmarks, camera = sequence().frames[0], face().landmarks, face().camera
     left, top = 300, 170

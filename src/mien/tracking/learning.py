@@ -13,7 +13,7 @@ from mien.appearance.crop import Crop, blurred
 from mien.appearance.descriptors import Float32, describe_with_jacobian, orientation_maps
 from mien.appearance.eyes import close_eye, turn_eye
 from mien.appearance.regression import PoseRegression
-from mien.appearance.rendering import Texture, render, vertex_normals
+from mien.appearance.rendering import Image, Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
 from mien.appearance.texture import texture_of_vertices
 from mien.appearance.views import CENTRE, crop_of_face, rotation
@@ -31,6 +31,10 @@ _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lowe
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What eyes do, in turn, in every so many views: half closed, shut, looking to one side and to the other."""
 _EYE_VIEWS = 4
+_LEAST_FACING = 0.17
+"""What a landmark counts for, beside one that faces the camera, in a view in which it has turned away."""
+_CLEAR = 0.5
+"""Depth behind the face's own surface, over that at which a landmark is hidden, beyond which nothing is learned."""
 _LIT_VIEWS = 2
 """Every so many views are drawn in another light too. What light changes is no matter of the mean: with a random light
 in each view, the mean would be as random."""
@@ -39,12 +43,20 @@ in each view, the mean would be as random."""
 @dataclass(frozen=True)
 class Level:
     """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what eyes
-    add to them (4, n, 128) that do what `_EYES` says."""
+    add to them (4, n, 128) that do what `_EYES` says. views: tilts and pans (2, k) in radians of the k by k views;
+    behind: (k, k, n) how far behind the face's own surface each landmark lies there, CANDIDE units."""
 
     descriptor: DescriptorSettings
     size: int
     appearance: PoseRegression
     eyes: Float32
+    views: Array
+    behind: Float32
+
+    def depth_behind(self, angles: Array) -> Float32:
+        """How far (n,) the landmarks lie behind the face's own surface, by the view nearest to a tilt and pan (2,)."""
+        row, column = np.abs(self.views - angles[:, None]).argmin(axis=1)
+        return np.asarray(self.behind[row, column])
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""
@@ -110,31 +122,52 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
     normals = vertex_normals(head, triangles)
     rng = np.random.default_rng(0)
 
-    def look(posed: tuple[Array, Array], picture: Texture, light: Array | None = None) -> Float32:
+    def look(posed: tuple[Array, Array], picture: Texture, light: Array | None = None) -> tuple[Float32, Image]:
         vertices, points = posed
-        image = render(vertices, triangles, picture, view, size, size, face.background, light).image[:, :, 0]
-        maps = orientation_maps(blurred(image, d.blur), d.cell)
+        drawn = render(vertices, triangles, picture, view, size, size, face.background, light)
+        maps = orientation_maps(blurred(drawn.image[:, :, 0], d.blur), d.cell)
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
-        return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0]
+        return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0], drawn.depth
 
-    samples, terms, visible, eyes, lights = [], [], [], [], []
+    samples, terms, facing, behind, eyes, lights = [], [], [], [], [], []
     for k, (tilt, pan) in enumerate(product(*angles)):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
         posed = head @ R.T + t, face.points @ R.T + t
-        samples.append(look(posed, texture))
+        seen, depth = look(posed, texture)
+        samples.append(seen)
         if k % _EYE_VIEWS == 0:
-            eyes.append(look(posed, textures[k // _EYE_VIEWS % len(_EYES)]) - samples[-1])
+            eyes.append(look(posed, textures[k // _EYE_VIEWS % len(_EYES)])[0] - seen)
         if k % _LIT_VIEWS == 0:
-            lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng)) - samples[-1])
+            lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng))[0] - seen)
         terms.append(kernels.polynomial(tilt, pan, limit)[0])
-        visible.append(kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine))
+        visible = kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
+        behind.append(_depth_behind(posed[1], depth, view))
+        clear = visible & (behind[-1] < _CLEAR * s.hidden_depth)
+        facing.append(clear * _facing(posed[1], face.normals @ R.T))
     shares = ((eyes, s.eye_share), (lights, 1.0))
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(
-        np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
+        np.array(samples), np.array(terms), np.array(facing), limit, s.floor, s.rank, np.concatenate(changes)
     )
-    return Level(d, size, appearance, np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))]))
+    moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
+    grid = len(evenly), len(evenly), -1
+    return Level(d, size, appearance, moved_eyes, angles, np.reshape(behind, grid).astype(np.float32))
+
+
+def _depth_behind(points: Array, depth: Image, camera: Camera) -> Array:
+    """How far (n,) points (n, 3) in camera axes lie behind a surface with this depth (H, W) in the image; minus
+    infinity where there is none."""
+    last = np.array(depth.shape[::-1]) - 1
+    x, y = np.clip(np.round(camera.project(points)[0]), 0, last).astype(int).T
+    return np.asarray(points[:, 2] - depth[y, x])
+
+
+def _facing(points: Array, normals: Array) -> Array:
+    """Cosines (n,) between normals (n, 3) and the way to the camera from points (n, 3), both in camera axes; as the
+    least counts what has turned away."""
+    cosine = -(points * normals).sum(axis=1) / np.linalg.norm(points, axis=1)
+    return np.asarray(np.sqrt(_LEAST_FACING**2 + (1 - _LEAST_FACING**2) * np.maximum(cosine, 0) ** 2))
 
 
 def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Camera]:

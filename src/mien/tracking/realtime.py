@@ -333,6 +333,7 @@ class RealtimeTracker:
             self.person.posed(pose), self.face.normals, pose.arrays[0], self.camera_vector, frame.width, frame.height,
             self.settings.hidden_cosine,
         )  # fmt: skip
+        facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
         return View(level, pose, pose, crop, image, geometry, facing & (not is_blank(image)))
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
