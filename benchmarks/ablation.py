@@ -91,14 +91,6 @@ class OneGaussian(RealtimeTracker):
             return super().initialize(frame, landmarks, camera)
 
 
-class ViewsAlike(RealtimeTracker):
-    """The look from the side says as much of a landmark as that from the front."""
-
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        with patch.object(learning, "_LEAST_FACING", 1.0):
-            return super().initialize(frame, landmarks, camera)
-
-
 class WithoutDepths(RealtimeTracker):
     """The detector's depths are not used."""
 
@@ -176,7 +168,6 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one Gaussian for all views, as in the paper": OneGaussian,
     "5x5 views, not 10x10": _set(views_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
-    "views weigh alike however a landmark faces": ViewsAlike,
     "no light in the views": _set(light_contrast=0),
     "no closed or turned eyes in the views' covariance": _set(eye_share=0),
     "blinks not noticed": _set(closing_share=1e6),

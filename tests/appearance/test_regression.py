@@ -51,23 +51,6 @@ def test_views_in_which_a_landmark_is_hidden_do_not_count() -> None:
     _assert_agree(learned, truth)
 
 
-def test_views_count_by_the_square_of_how_a_landmark_faces_the_camera() -> None:
-    """Two kinds of views that contradict each other: the mean lies between, nearer to those that say more."""
-    ahead, aside = _truth(), _truth() + np.float32(1)
-    samples = _values(ahead)
-    samples[::2] = _values(aside)[::2]
-    facing = np.ones(EVERYWHERE.shape)
-    facing[::2] = 0.5
-    learned = PoseRegression.learn(samples, TERMS, facing, LIMIT, FLOOR, RANK)
-    A = (TERMS * facing[:, :1] ** 2).T @ TERMS + 1e-3 * np.eye(POLYNOMIAL_TERMS)
-    expected = np.linalg.solve(A, np.einsum("v,vp,vnc->pnc", facing[:, 0] ** 2, TERMS, samples).reshape(len(A), -1))
-    np.testing.assert_allclose(learned.coefficients.swapaxes(0, 1).reshape(len(A), -1), expected, atol=5e-3)
-    residual = samples[:, 0] - TERMS @ learned.coefficients[0]
-    variance = np.trace((residual * facing[:, :1]).T @ residual) / facing[:, 0].sum()
-    leading = (1 / (learned.gain[0] + 1 / FLOOR) - FLOOR).sum()
-    assert 0.5 * variance < leading < 1.001 * variance
-
-
 def test_a_landmark_that_is_seldom_visible_uses_every_view() -> None:
     truth = _truth()
     visible = EVERYWHERE.copy()

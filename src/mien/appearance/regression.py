@@ -37,23 +37,20 @@ class PoseRegression:
         cls,
         samples: Float32,
         terms: Float32,
-        facing: Array,
+        visible: NDArray[np.bool_],
         limit: Array,
         floor: float,
         rank: int,
         changes: Float32 | None = None,
     ) -> PoseRegression:
-        """Least squares over the views in which a landmark is seen, each weighed by the square of how it faces the
-        camera, as what is drawn of a surface that turns away is stretched; the covariance by how it does.
+        """Least squares over the views in which a landmark is visible.
 
-        samples: (views, n, 128); terms: (views, p); facing: (views, n) in [0, 1], cosines, 0 where a landmark is
-        hidden; changes: (k, n, 128) what else may come to a descriptor; the sum of their squares goes into the
-        covariance, and nothing of them into the mean.
+        samples: (views, n, 128); terms: (views, p); visible: (views, n); changes: (k, n, 128) what else may come to a
+        descriptor; the sum of their squares goes into the covariance, and nothing of them into the mean.
         """
-        # A landmark that is seen in too few views for its coefficients uses them all.
-        enough = np.count_nonzero(facing, axis=0) >= 2 * terms.shape[1]
-        weight = np.where(enough, facing, 1.0).T.astype(np.float32)
-        weighted = (weight**2)[:, None] * terms.T
+        # A landmark that is visible in too few views for its coefficients uses them all.
+        weight = np.where(visible.sum(axis=0) >= 2 * terms.shape[1], visible, True).T.astype(np.float32)
+        weighted = weight[:, None] * terms.T
         A = weighted.astype(np.float64) @ terms + 1e-3 * np.eye(terms.shape[1])
         seen = np.ascontiguousarray(np.swapaxes(samples, 0, 1))
         coefficients = np.linalg.solve(A, weighted @ seen).astype(np.float32)

@@ -31,8 +31,6 @@ _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lowe
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What eyes do, in turn, in every so many views: half closed, shut, looking to one side and to the other."""
 _EYE_VIEWS = 4
-_LEAST_FACING = 0.17
-"""What a landmark counts for, beside one that faces the camera, in a view in which it has turned away."""
 _CLEAR = 0.5
 """Depth behind the face's own surface, over that at which a landmark is hidden, beyond which nothing is learned."""
 _LIT_VIEWS = 2
@@ -129,7 +127,7 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
         return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0], drawn.depth
 
-    samples, terms, facing, behind, eyes, lights = [], [], [], [], [], []
+    samples, terms, visible, behind, eyes, lights = [], [], [], [], [], []
     for k, (tilt, pan) in enumerate(product(*angles)):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
@@ -141,14 +139,13 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         if k % _LIT_VIEWS == 0:
             lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng))[0] - seen)
         terms.append(kernels.polynomial(tilt, pan, limit)[0])
-        visible = kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
         behind.append(_depth_behind(posed[1], depth, view))
-        clear = visible & (behind[-1] < _CLEAR * s.hidden_depth)
-        facing.append(clear * _facing(posed[1], face.normals @ R.T))
+        facing = kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
+        visible.append(facing & (behind[-1] < _CLEAR * s.hidden_depth))
     shares = ((eyes, s.eye_share), (lights, 1.0))
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(
-        np.array(samples), np.array(terms), np.array(facing), limit, s.floor, s.rank, np.concatenate(changes)
+        np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
     )
     moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
     grid = len(evenly), len(evenly), -1
@@ -161,13 +158,6 @@ def _depth_behind(points: Array, depth: Image, camera: Camera) -> Array:
     last = np.array(depth.shape[::-1]) - 1
     x, y = np.clip(np.round(camera.project(points)[0]), 0, last).astype(int).T
     return np.asarray(points[:, 2] - depth[y, x])
-
-
-def _facing(points: Array, normals: Array) -> Array:
-    """Cosines (n,) between normals (n, 3) and the way to the camera from points (n, 3), both in camera axes; as the
-    least counts what has turned away."""
-    cosine = -(points * normals).sum(axis=1) / np.linalg.norm(points, axis=1)
-    return np.asarray(np.sqrt(_LEAST_FACING**2 + (1 - _LEAST_FACING**2) * np.maximum(cosine, 0) ** 2))
 
 
 def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Camera]:
