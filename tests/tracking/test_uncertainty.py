@@ -10,7 +10,6 @@ from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking.uncertainty import (
     ACROSS_SD,
-    AXES_SCALE,
     MISFIT_DISTANCE,
     NOISE_SCALE,
     RELIEF_LEAST,
@@ -69,13 +68,13 @@ def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array
 def test_systematic_covariance_by_hand() -> None:
     """Half a radian of pan: out of the plane by its sine, an error of pan alone; axes that are wrong in tilt or roll
     turn with it, those wrong in pan stay so. Of roll: not out of the plane, and the other two turn."""
-    relief, axes_sd = RELIEF_VARIANCE * np.sin(0.5) ** 2, AXES_SCALE * AXES_SD
+    relief = RELIEF_VARIANCE * np.sin(0.5) ** 2
     apart = 2 * (1 - np.cos(0.5))  # the length of the difference of an axis that turns and where it was, squared
     panned = systematic_covariance(rotation(0, 0.5, 0), FIRST, RELIEF_SD)
-    assert np.trace(panned) == pytest.approx(relief + apart * (axes_sd[[0, 2]] ** 2).sum())
+    assert np.trace(panned) == pytest.approx(relief + apart * (AXES_SD[[0, 2]] ** 2).sum())
     assert panned[1, 1] == pytest.approx(relief)
     rolled = systematic_covariance(rotation(0, 0, 0.5), FIRST, RELIEF_SD)
-    assert np.trace(rolled) == pytest.approx(apart * (axes_sd[:2] ** 2).sum())
+    assert np.trace(rolled) == pytest.approx(apart * (AXES_SD[:2] ** 2).sum())
     np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
 
 
@@ -85,7 +84,7 @@ def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first
     small = 1e-5
     turn = np.cross(AHEAD, R @ R_first.T @ AHEAD)
     expected = RELIEF_VARIANCE * np.outer(turn, turn)
-    for d in np.diag(small * AXES_SCALE * AXES_SD):
+    for d in np.diag(small * AXES_SD):
         turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
         w = R_first @ log(turned) / small
         expected += np.outer(w, w)

@@ -24,13 +24,11 @@ NOISE_SCALE = 0.155
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-RELIEF_SCALE, RELIEF_LEAST = 0.24, 0.015
+RELIEF_SCALE, RELIEF_LEAST = 0.36, 0.0175
 """Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
 small: by that of the relief, and at least."""
 LEARNED_SCALE = 0.15
 """The same where the look of the turned face was learned while it turned."""
-AXES_SCALE = np.array([1.1, 1.0, 1.25])
-"""Factor of the standard deviations of the head's axes: tilt, pan, roll."""
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
@@ -106,7 +104,7 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
     learned where the tracker believed it to be when it turned. Where the axes are wrong by d, every R is R exp(d), an
     error of R d, of which the first frame has first.R d."""
     share = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST, LEARNED_SCALE * learned)
-    covariance: Array = _of_turn_and_axes(R, first.R, first.ray, AXES_SCALE * first.axes_sd, share)
+    covariance: Array = _of_turn_and_axes(R, first.R, first.ray, first.axes_sd, share)
     return covariance
 
 
