@@ -72,7 +72,7 @@ def rendered(root: Path, names: tuple[str, ...] = ("a_uniform1",), angles: Array
             root / f"{name}_truth.npz",
             R=head_rotations(angles),
             t=np.tile([0.0, 0.0, 100.0], (len(angles), 1)),
-            landmarks68=np.tile(face68(), (len(angles), 1, 1)),
+            landmarks68=np.tile(face68() + 0.25, (len(angles), 1, 1)),  # beside the picture, as in the real ones
             expression=np.zeros((len(angles), 2)),
             expression_names=np.array(["jawOpen", "browDown_L"]),
             focal=500.0,
