@@ -62,10 +62,12 @@ def followed(run: Run, head: Head) -> Array:
     pictures = [frame.gray.astype(np.float32) for frame in run.frames]
     found = np.full(expected.shape, np.nan)
     for i, (x, y) in enumerate(np.round(expected[0]).astype(int) - HALF):
-        patch = pictures[0][y : y + SIDE, x : x + SIDE]
+        patch, first = pictures[0][y : y + SIDE, x : x + SIDE], np.linalg.inv(tangents[0, i])
+        if patch.shape != (SIDE, SIDE):
+            continue
         for k, picture in enumerate(pictures):
-            linear = tangents[k, i] @ np.linalg.inv(tangents[0, i])
-            if np.linalg.det(linear) < FORESHORTENED or patch.shape != (SIDE, SIDE):
+            linear = tangents[k, i] @ first
+            if np.linalg.det(linear) < FORESHORTENED:
                 continue
             warp = np.column_stack([linear, expected[k, i] + linear @ ([x, y] - expected[0, i])]).astype(np.float32)
             try:

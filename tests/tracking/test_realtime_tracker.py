@@ -16,7 +16,7 @@ from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
 from mien.synthetic import make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
@@ -54,16 +54,15 @@ def test_spectacles_are_followed() -> None:
 def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None:
     """Also where the fitted model does not reach them; those that an annotation lacks are the model's."""
     sequence = small_motion()
-    given = face().landmarks
-    vertices, points, _ = given.correspondences()
-    known = [i for i, vertex in enumerate(LANDMARK_VERTICES.values()) if vertex in vertices]
-    rows = [list(vertices).index(list(LANDMARK_VERTICES.values())[i]) for i in known]
+    rows = rows_by_name(face().landmarks.scheme)
+    known = [LANDMARK_NAMES.index(name) for name in rows]
+    points = face().landmarks.points[list(rows.values())].mean(axis=1)
     assert len(known) > 20
     first, *_, last = run(RealtimeTracker(), sequence)
     assert first.landmarks is not None
     assert last.landmarks is not None
-    np.testing.assert_allclose(first.landmarks.image[known], points[rows], atol=0.1)  # lids that have moved since
-    beside = points[rows] - sequence.landmarks[0, known]  # of the drawn head's own vertices
+    np.testing.assert_allclose(first.landmarks.image[known], points, atol=0.1)  # lids that have moved since
+    beside = points - sequence.landmarks[0, known]  # of the drawn head's own vertices
     assert np.linalg.norm(beside, axis=1).max() > 1
     off = last.landmarks.image[known] - sequence.landmarks[-1, known]
     assert np.linalg.norm(off - beside, axis=1).mean() < 0.7  # 0.9 with those of the model

@@ -140,7 +140,7 @@ class Track:
 
     def turned(self, R: Array) -> Track:
         """The track with the rotation (3, 3) of every frame turned by R (3, 3), in camera axes."""
-        if not set(ROTATION) <= set(self.table.column_names) or np.array_equal(R, np.eye(3)):
+        if not set(ROTATION) <= set(self.table.column_names):
             return self
         return replace(self, table=turned_rows(self.table, R))
 

@@ -27,9 +27,9 @@ from mien.video import VIDEO_SUFFIXES
 
 CAMERA = Camera(500.0, 160.0, 120.0)
 PICTURES_BESIDE_POINTS = -0.25
-"""Pixels by which the pictures lie to the right of and below `landmarks68`: to the left and above. What the pictures
-alone show is -0.22 and -0.38, each to 0.03 (`benchmarks/picture_offset.py`), as where they are drawn twice as large,
-with a camera of twice the numbers, and averaged: the middle of a pixel is then a quarter of one further on."""
+"""Pixels, to the right and down, from `landmarks68` to where the pictures show them. The pictures alone say -0.22 and
+-0.38, each to 0.03 (`benchmarks/picture_offset.py`); -0.25 it is where they are drawn twice as large, by a camera of
+twice the numbers, and averaged."""
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
