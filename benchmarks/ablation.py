@@ -77,6 +77,9 @@ class FrontalAppearance(RealtimeTracker):
         return estimate
 
 
+WITHOUT_VIEWS = RealtimeSettings(sidelong_weight=1, left_distance=1e9)
+
+
 class _OneGaussian(PoseRegression):
     @classmethod
     def learn(cls, samples: Any, terms: Any, *args: Any) -> PoseRegression:
@@ -85,6 +88,9 @@ class _OneGaussian(PoseRegression):
 
 class OneGaussian(RealtimeTracker):
     """One mean and covariance for all views, as in the paper."""
+
+    def __init__(self) -> None:
+        super().__init__(WITHOUT_VIEWS)
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         with patch.object(learning, "PoseRegression", _OneGaussian):
@@ -168,6 +174,9 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one Gaussian for all views, as in the paper": OneGaussian,
     "5x5 views, not 10x10": _set(views_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
+    "views weigh alike, however a landmark faces them": _set(sidelong_weight=1),
+    "one covariance for all views": _set(left_distance=1e9),
+    "views weigh alike, with one covariance": lambda: RealtimeTracker(WITHOUT_VIEWS),
     "no light in the views": _set(light_contrast=0),
     "no closed or turned eyes in the views' covariance": _set(eye_share=0),
     "blinks not noticed": _set(closing_share=1e6),

@@ -12,7 +12,7 @@ LIMIT = np.array([0.7, 0.5])
 N, RANK, FLOOR = 2, 5, 4e-3
 GRID = [(x, y) for x in np.linspace(-0.7, 0.7, 9) for y in np.linspace(-0.5, 0.5, 9)]
 TERMS = np.array([polynomial(x, y, LIMIT)[0] for x, y in GRID])
-EVERYWHERE = np.ones((len(GRID), N), bool)
+EVERYWHERE = np.ones((len(GRID), N), np.float32)
 Float32 = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
@@ -44,18 +44,18 @@ def test_a_polynomial_is_recovered() -> None:
 def test_views_in_which_a_landmark_is_hidden_do_not_count() -> None:
     truth = _truth()
     samples = _values(truth)
-    visible = EVERYWHERE.copy()
-    visible[::3, 0] = False
+    weight = EVERYWHERE.copy()
+    weight[::3, 0] = 0
     samples[::3, 0] = 9
-    learned = PoseRegression.learn(samples, TERMS, visible, LIMIT, FLOOR, RANK)
+    learned = PoseRegression.learn(samples, TERMS, weight, LIMIT, FLOOR, RANK)
     _assert_agree(learned, truth)
 
 
 def test_a_landmark_that_is_seldom_visible_uses_every_view() -> None:
     truth = _truth()
-    visible = EVERYWHERE.copy()
-    visible[2 * POLYNOMIAL_TERMS - 1 :, 1] = False  # in fewer views than twice the terms
-    learned = PoseRegression.learn(_values(truth), TERMS, visible, LIMIT, FLOOR, RANK)
+    weight = EVERYWHERE.copy()
+    weight[2 * POLYNOMIAL_TERMS - 1 :, 1] = 0  # in fewer views than twice the terms
+    learned = PoseRegression.learn(_values(truth), TERMS, weight, LIMIT, FLOOR, RANK)
     _assert_agree(learned, truth)
 
 
@@ -69,6 +69,33 @@ def test_the_inverse_covariance_against_a_dense_one() -> None:
         leading = vectors[:, -RANK:] * values[-RANK:] @ vectors[:, -RANK:].T
         inverse = learned.inverse_floor[i] * np.eye(128) + learned.U[i].T * learned.gain[i] @ learned.U[i]
         np.testing.assert_allclose(inverse @ (FLOOR * np.eye(128) + leading), np.eye(128), atol=2e-3)
+
+
+def test_views_count_by_their_weights() -> None:
+    """A view that weighs 4 counts as four views do."""
+    samples, weight = _values(_truth()) + _noise(), EVERYWHERE.copy()
+    weight[:5] = 4
+    learned = PoseRegression.learn(samples, TERMS, weight, LIMIT, FLOOR, RANK)
+    again = np.r_[np.repeat(np.arange(5), 3), np.arange(len(GRID))]
+    every = np.ones((len(again), N), np.float32)
+    repeated = PoseRegression.learn(samples[again], TERMS[again], every, LIMIT, FLOOR, RANK)
+    np.testing.assert_allclose(learned.coefficients, repeated.coefficients, atol=1e-4)
+    np.testing.assert_allclose(learned.gain, repeated.gain, rtol=1e-3)
+
+
+def test_what_the_mean_leaves_of_each_view() -> None:
+    """The squared distance of Eq. (6), by the inverse covariance."""
+    samples, weight = _values(_truth()) + _noise(), EVERYWHERE.copy()
+    samples[7, 1] += 1
+    weight[7] = 0.01
+    learned = PoseRegression.learn(samples, TERMS, weight, LIMIT, FLOOR, RANK)
+    residual = samples - np.einsum("vp,npc->vnc", TERMS, learned.coefficients)
+    for i in range(N):
+        inverse = learned.inverse_floor[i] * np.eye(128) + learned.U[i].T * learned.gain[i] @ learned.U[i]
+        np.testing.assert_allclose(
+            learned.left[:, i], np.sum(residual[:, i] @ inverse * residual[:, i], axis=1), rtol=1e-3
+        )
+    assert learned.left[:, 1].argmax() == 7
 
 
 def test_rank_zero_is_the_floor_alone() -> None:

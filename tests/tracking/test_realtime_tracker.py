@@ -95,6 +95,30 @@ def test_what_the_nose_hides_is_hidden() -> None:
     assert sorted((bool(h[right]), bool(h[left])) for h in hidden) == [(False, True), (True, False)]
 
 
+def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    level = tracker.face.fine
+    k = level.views.shape[1]
+    views = level.appearance.left.reshape(k, k, -1)
+    tilts, pans = level.views
+    np.testing.assert_allclose(level.left(np.array([tilts[3], pans[5]])), views[3, 5], rtol=1e-5)
+    middle = np.array([tilts[3:5].mean(), pans[5:7].mean()])
+    np.testing.assert_allclose(level.left(middle), views[3:5, 5:7].mean(axis=(0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(level.left(np.radians([-90.0, 90.0])), views[0, -1], rtol=1e-5)
+
+
+def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    left, frame = tracker.face.fine.appearance.left, sequence().frames[1]
+    left[:] = 0
+    _, sure = tracker._search(frame)
+    left[:] = 3 * tracker.settings.left_distance
+    _, doubtful = tracker._search(frame)
+    assert np.median(doubtful.d2 / sure.d2) == pytest.approx(1 / 4, rel=0.05)
+
+
 def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
     first, landmarks, camera = sequence().frames[0], face().landmarks, face().camera
     left, top = 300, 170

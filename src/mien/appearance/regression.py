@@ -1,7 +1,8 @@
 """Appearance as a function of the pose: the mean of a descriptor is a polynomial of tilt and pan.
 
 Descriptors are read in a crop that is normalised for scale and roll, so tilt and pan are all that is left of
-the pose. The covariance is that of what the polynomial leaves, as `I floor + low rank`.
+the pose. The covariance is that of what the polynomial leaves, as `I floor + low rank`. What it leaves of some views
+is far more than of others, so its distance from each is kept too.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ class PoseRegression:
 
     coefficients: (n, p, 128) of the polynomial's p terms; U: (n, k, 128) leading eigenvectors of the residual
     covariance; gain: (n, k) such that `Sigma^-1 = I / floor + U^T diag(gain) U`; inverse_floor: (n,);
-    limit: (2,) radians up to which tilt and pan were seen.
+    limit: (2,) radians up to which tilt and pan were seen; left: (views, n) squared distance of each view from the
+    mean.
     """
 
     coefficients: Float32
@@ -31,41 +33,41 @@ class PoseRegression:
     gain: Float32
     inverse_floor: Float32
     limit: Array
+    left: Float32
 
     @classmethod
     def learn(
         cls,
         samples: Float32,
         terms: Float32,
-        visible: NDArray[np.bool_],
+        weight: Float32,
         limit: Array,
         floor: float,
         rank: int,
         changes: Float32 | None = None,
     ) -> PoseRegression:
-        """Least squares over the views in which a landmark is visible.
+        """Weighted least squares, and the covariance of what they leave by the same weights.
 
-        samples: (views, n, 128); terms: (views, p); visible: (views, n); changes: (k, n, 128) what else may come to a
-        descriptor; the sum of their squares goes into the covariance, and nothing of them into the mean.
+        samples: (views, n, 128); terms: (views, p); weight: (views, n), zero where a landmark is hidden; changes:
+        (k, n, 128) what else may come to a descriptor; the sum of their squares goes into the covariance, and nothing
+        of them into the mean.
         """
         # A landmark that is visible in too few views for its coefficients uses them all.
-        weight = np.where(visible.sum(axis=0) >= 2 * terms.shape[1], visible, True).T.astype(np.float32)
+        enough = (weight > 0).sum(axis=0) >= 2 * terms.shape[1]
+        weight = np.where(enough, weight, 1).T.astype(np.float32)
         weighted = weight[:, None] * terms.T
         A = weighted.astype(np.float64) @ terms + 1e-3 * np.eye(terms.shape[1])
         seen = np.ascontiguousarray(np.swapaxes(samples, 0, 1))
         coefficients = np.linalg.solve(A, weighted @ seen).astype(np.float32)
         residual: Float32 = seen - terms @ coefficients
-        residual *= np.sqrt(weight / weight.sum(axis=1, keepdims=True))[:, :, None]
+        spread = residual * np.sqrt(weight / weight.sum(axis=1, keepdims=True))[:, :, None]
         if changes is not None:
-            residual = np.concatenate([residual, np.swapaxes(changes, 0, 1)], axis=1)
-        variance, directions = _leading(np.swapaxes(residual, 1, 2) @ residual, rank)
-        return cls(
-            coefficients,
-            directions,
-            (1 / (variance + floor) - 1 / floor).astype(np.float32),
-            np.full(len(seen), 1 / floor, np.float32),
-            limit,
-        )
+            spread = np.concatenate([spread, np.swapaxes(changes, 0, 1)], axis=1)
+        variance, directions = _leading(np.swapaxes(spread, 1, 2) @ spread, rank)
+        gain = (1 / (variance + floor) - 1 / floor).astype(np.float32)
+        along = residual @ np.swapaxes(directions, 1, 2)
+        left = (residual**2).sum(axis=2) / np.float32(floor) + (along**2 * gain[:, None]).sum(axis=2)
+        return cls(coefficients, directions, gain, np.full(len(seen), 1 / floor, np.float32), limit, left.T)
 
 
 def _leading(covariance: Float32, rank: int) -> tuple[Float32, Float32]:

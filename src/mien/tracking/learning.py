@@ -56,6 +56,17 @@ class Level:
         row, column = np.abs(self.views - angles[:, None]).argmin(axis=1)
         return np.asarray(self.behind[row, column])
 
+    def left(self, angles: Array) -> Float32:
+        """Squared distance (n,) between what landmarks look like at a tilt and pan (2,) and what the appearance says
+        there, of the nearest four views, weighed by how near they are."""
+        k = self.views.shape[1]
+        left = self.appearance.left.reshape(k, k, -1)
+        for known, angle in zip(self.views, angles, strict=True):
+            i = min(max(int(np.searchsorted(known, angle)) - 1, 0), k - 2)
+            f = np.float32(min(max((angle - known[i]) / (known[i + 1] - known[i]), 0), 1))
+            left = (1 - f) * left[i] + f * left[i + 1]
+        return left
+
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""
         return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
@@ -127,7 +138,7 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
         return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0], drawn.depth
 
-    samples, terms, visible, behind, eyes, lights = [], [], [], [], [], []
+    samples, terms, weight, behind, eyes, lights = [], [], [], [], [], []
     for k, (tilt, pan) in enumerate(product(*angles)):
         R = rotation(tilt, pan, 0.0)
         t = np.array([0, 0, distance]) - R @ CENTRE
@@ -141,11 +152,13 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
         terms.append(kernels.polynomial(tilt, pan, limit)[0])
         behind.append(_depth_behind(posed[1], depth, view))
         facing = kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
-        visible.append(facing & (behind[-1] < _CLEAR * s.hidden_depth))
+        towards = -np.sum(face.normals @ R.T * posed[1], axis=1) / np.linalg.norm(posed[1], axis=1)
+        clear = facing & (behind[-1] < _CLEAR * s.hidden_depth)
+        weight.append(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(towards, 0) ** 2))
     shares = ((eyes, s.eye_share), (lights, 1.0))
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(
-        np.array(samples), np.array(terms), np.array(visible), limit, s.floor, s.rank, np.concatenate(changes)
+        np.array(samples), np.array(terms), np.array(weight), limit, s.floor, s.rank, np.concatenate(changes)
     )
     moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
     grid = len(evenly), len(evenly), -1

@@ -358,12 +358,14 @@ class RealtimeTracker:
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance
+        trust = 1 / (1 + level.left(view.pose.angles) / np.float32(self.settings.left_distance))
         return PosePosterior(
             maps=view.maps,
             reading=view.reading,
             person=person.arrays,
-            appearance=(appearance.coefficients, person.adapted(level, view.upright), appearance.U, appearance.gain,
-                        appearance.inverse_floor, appearance.limit, person.misplaced(level, self.pose.animation)),
+            appearance=(appearance.coefficients, person.adapted(level, view.upright), appearance.U,
+                        trust[:, None] * appearance.gain, trust * appearance.inverse_floor, appearance.limit,
+                        person.misplaced(level, self.pose.animation)),
             active=view.facing.astype(np.float64),
             scale=person.tolerance * person.expected,
             prior=self._prior(predicted),

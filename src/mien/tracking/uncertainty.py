@@ -20,7 +20,7 @@ import numpy as np
 from mien.compiled import kernel
 from mien.geometry.rotation import Array
 
-NOISE_SCALE = 0.155
+NOISE_SCALE = 0.165
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
