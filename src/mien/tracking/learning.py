@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
@@ -61,9 +62,9 @@ class Level:
         there, of the nearest four views, weighed by how near they are."""
         k = self.views.shape[1]
         left = self.appearance.left.reshape(k, k, -1)
-        for known, angle in zip(self.views, angles, strict=True):
-            i = min(max(int(np.searchsorted(known, angle)) - 1, 0), k - 2)
-            f = np.float32(min(max((angle - known[i]) / (known[i + 1] - known[i]), 0), 1))
+        for known, angle in zip(self.views.tolist(), angles.tolist(), strict=True):
+            i = min(max(bisect(known, angle) - 1, 0), k - 2)
+            f = min(max((angle - known[i]) / (known[i + 1] - known[i]), 0.0), 1.0)
             left = (1 - f) * left[i] + f * left[i + 1]
         return left
 
