@@ -77,7 +77,7 @@ class FrontalAppearance(RealtimeTracker):
         return estimate
 
 
-WITHOUT_VIEWS = RealtimeSettings(sidelong_weight=1, left_distance=1e9)
+WITHOUT_VIEWS = RealtimeSettings(sidelong_weight=1, lack_of_fit=1e9)
 
 
 class _OneGaussian(PoseRegression):
@@ -175,7 +175,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "5x5 views, not 10x10": _set(views_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
     "views weigh alike, however a landmark faces them": _set(sidelong_weight=1),
-    "one covariance for all views": _set(left_distance=1e9),
+    "one covariance for all views": _set(lack_of_fit=1e9),
     "views weigh alike, with one covariance": lambda: RealtimeTracker(WITHOUT_VIEWS),
     "no light in the views": _set(light_contrast=0),
     "no closed or turned eyes in the views' covariance": _set(eye_share=0),

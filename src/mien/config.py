@@ -116,12 +116,8 @@ class RealtimeSettings(Settings):
     rest_turn_deg: float = Field(14.0, gt=0, description="turn of the head at which these variances are halved")
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     hidden_depth: float = Field(0.2, gt=0, description="depth behind the face's own surface at which it is, too")
-    sidelong_weight: float = Field(
-        0.03, gt=0, le=1, description="weight of a view that a landmark faces edge-on, at least"
-    )
-    left_distance: float = Field(
-        50.0, gt=0, description="squared distance of a view from the mean that halves its trust"
-    )
+    sidelong_weight: float = Field(0.03, gt=0, le=1, description="weight of a view that sees a landmark edge-on")
+    lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean at which a view is half trusted")
     learn_shape: bool = True
     relief_sd: float = Field(0.12, ge=0, description="relative standard deviation of the depth of the whole face")
     depth_sd: float = Field(0.08, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")

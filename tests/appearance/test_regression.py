@@ -93,9 +93,9 @@ def test_what_the_mean_leaves_of_each_view() -> None:
     for i in range(N):
         inverse = learned.inverse_floor[i] * np.eye(128) + learned.U[i].T * learned.gain[i] @ learned.U[i]
         np.testing.assert_allclose(
-            learned.left[:, i], np.sum(residual[:, i] @ inverse * residual[:, i], axis=1), rtol=1e-3
+            learned.lack_of_fit[:, i], np.sum(residual[:, i] @ inverse * residual[:, i], axis=1), rtol=1e-3
         )
-    assert learned.left[:, 1].argmax() == 7
+    assert learned.lack_of_fit[:, 1].argmax() == 7
 
 
 def test_rank_zero_is_the_floor_alone() -> None:

@@ -100,21 +100,21 @@ def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     level = tracker.face.fine
     k = level.views.shape[1]
-    views = level.appearance.left.reshape(k, k, -1)
+    views = level.appearance.lack_of_fit.reshape(k, k, -1)
     tilts, pans = level.views
-    np.testing.assert_allclose(level.left(np.array([tilts[3], pans[5]])), views[3, 5], rtol=1e-5)
+    np.testing.assert_allclose(level.lack_of_fit(np.array([tilts[3], pans[5]])), views[3, 5], rtol=1e-5)
     middle = np.array([tilts[3:5].mean(), pans[5:7].mean()])
-    np.testing.assert_allclose(level.left(middle), views[3:5, 5:7].mean(axis=(0, 1)), rtol=1e-5)
-    np.testing.assert_allclose(level.left(np.radians([-90.0, 90.0])), views[0, -1], rtol=1e-5)
+    np.testing.assert_allclose(level.lack_of_fit(middle), views[3:5, 5:7].mean(axis=(0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(level.lack_of_fit(np.radians([-90.0, 90.0])), views[0, -1], rtol=1e-5)
 
 
 def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
-    left, frame = tracker.face.fine.appearance.left, sequence().frames[1]
-    left[:] = 0
+    lack_of_fit, frame = tracker.face.fine.appearance.lack_of_fit, sequence().frames[1]
+    lack_of_fit[:] = 0
     _, sure = tracker._search(frame)
-    left[:] = 3 * tracker.settings.left_distance
+    lack_of_fit[:] = 3 * tracker.settings.lack_of_fit
     _, doubtful = tracker._search(frame)
     assert np.median(doubtful.d2 / sure.d2) == pytest.approx(1 / 4, rel=0.05)
 

@@ -24,8 +24,8 @@ class PoseRegression:
 
     coefficients: (n, p, 128) of the polynomial's p terms; U: (n, k, 128) leading eigenvectors of the residual
     covariance; gain: (n, k) such that `Sigma^-1 = I / floor + U^T diag(gain) U`; inverse_floor: (n,);
-    limit: (2,) radians up to which tilt and pan were seen; left: (views, n) squared distance of each view from the
-    mean.
+    limit: (2,) radians up to which tilt and pan were seen; lack_of_fit: (views, n) squared distance of each
+    view from the mean.
     """
 
     coefficients: Float32
@@ -33,7 +33,7 @@ class PoseRegression:
     gain: Float32
     inverse_floor: Float32
     limit: Array
-    left: Float32
+    lack_of_fit: Float32
 
     @classmethod
     def learn(
@@ -66,8 +66,8 @@ class PoseRegression:
         variance, directions = _leading(np.swapaxes(spread, 1, 2) @ spread, rank)
         gain = (1 / (variance + floor) - 1 / floor).astype(np.float32)
         along = residual @ np.swapaxes(directions, 1, 2)
-        left = (residual**2).sum(axis=2) / np.float32(floor) + (along**2 * gain[:, None]).sum(axis=2)
-        return cls(coefficients, directions, gain, np.full(len(seen), 1 / floor, np.float32), limit, left.T)
+        lack_of_fit = (residual**2).sum(axis=2) / np.float32(floor) + (along**2 * gain[:, None]).sum(axis=2)
+        return cls(coefficients, directions, gain, np.full(len(seen), 1 / floor, np.float32), limit, lack_of_fit.T)
 
 
 def _leading(covariance: Float32, rank: int) -> tuple[Float32, Float32]:

@@ -57,16 +57,16 @@ class Level:
         row, column = np.abs(self.views - angles[:, None]).argmin(axis=1)
         return np.asarray(self.behind[row, column])
 
-    def left(self, angles: Array) -> Float32:
+    def lack_of_fit(self, angles: Array) -> Float32:
         """Squared distance (n,) between what landmarks look like at a tilt and pan (2,) and what the appearance says
         there, of the nearest four views, weighed by how near they are."""
         k = self.views.shape[1]
-        left = self.appearance.left.reshape(k, k, -1)
+        table = self.appearance.lack_of_fit.reshape(k, k, -1)
         for known, angle in zip(self.views.tolist(), angles.tolist(), strict=True):
             i = min(max(bisect(known, angle) - 1, 0), k - 2)
             f = min(max((angle - known[i]) / (known[i + 1] - known[i]), 0.0), 1.0)
-            left = (1 - f) * left[i] + f * left[i + 1]
-        return left
+            table = (1 - f) * table[i] + f * table[i + 1]
+        return np.asarray(table)
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""

@@ -358,7 +358,7 @@ class RealtimeTracker:
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) for one view, the prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance
-        trust = 1 / (1 + level.left(view.pose.angles) / self.settings.left_distance)
+        trust = 1 / (1 + level.lack_of_fit(view.pose.angles) / self.settings.lack_of_fit)
         return PosePosterior(
             maps=view.maps,
             reading=view.reading,
