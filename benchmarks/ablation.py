@@ -191,7 +191,9 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "temples trusted as the other anchors": _set(temple_sd=0.05),
     "depth as certain on a slope as elsewhere": _set(slope_sd=0),
     "outer brows raised alone": HalfBrows,
-    "rest of the animation a Gaussian": _set(rest_firmness=0, rest_animation=0.4, rest_jaw=0.65),
+    "rest of the animation a Gaussian": _set(
+        rest_firmness=0, rest_mouth_firmness=0, rest_jaw_firmness=0, rest_animation=0.4, rest_mouth=0.5
+    ),
     "animation units believed entirely": _set(unit_error=0),
     "expressive frames teach the shape too": _set(expression_sd=1e6),
     "eyes at the depth of the rest": _set(eyes_sd=0),

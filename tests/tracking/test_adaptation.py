@@ -104,15 +104,16 @@ def _with_reflections() -> SyntheticSequence:
 
 
 def _run(sequence: SyntheticSequence, **settings: float) -> tuple[RealtimeTracker, Array, Array]:
-    """A tracker after a sequence, the errors of its rotations, and which of the eyes' landmarks were seen."""
+    """A tracker after a sequence, the errors of its rotations, and which of the eyes' landmarks looked like them."""
     tracker = RealtimeTracker(RealtimeSettings().model_copy(update=settings))
     estimates = run(tracker, sequence)
-    seen = np.array([e.landmarks.visibility[EYES] for e in estimates if e.landmarks is not None])
+    distance = np.array([e.landmarks.distance[EYES] for e in estimates if e.landmarks is not None])
+    seen = (distance > 0) & (distance**2 <= tracker.settings.seen_distance)  # 0 where they do not face the camera
     return tracker, turn_error_deg(estimates, sequence), seen
 
 
 def test_eyes_behind_reflections_are_seen_again() -> None:
-    """After half of the turns; without it a third of them is hidden there, or looks strange."""
+    """After half of the turns; without it a third of them has turned away there, or looks strange."""
     tracker, error, seen = _run(_with_reflections())
     _, error_without, seen_without = _run(_with_reflections(), forgetting=0, view_rate=0)
     later = slice(FRAMES // 2, None)

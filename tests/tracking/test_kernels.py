@@ -161,8 +161,8 @@ def test_what_an_error_of_the_animation_does_to_the_landmarks() -> None:
 
 
 def test_rest_is_firmest_where_nothing_has_moved() -> None:
-    found = kernels.firm(np.array([1.0, 2.0, 1.0]), np.array([0.0, 1.0, 1e6]), 8.0, 3.0)
-    np.testing.assert_allclose(found, [27, 30, 3])
+    found = kernels.firm(np.array([1.0, 2.0, 1.0, 1.0]), np.array([0.0, 1.0, 1e6, 0.0]), np.array([8.0, 8, 8, 4]), 3.0)
+    np.testing.assert_allclose(found, [27, 30, 3, 15])
 
 
 def test_temper_against_the_dense_formula() -> None:

@@ -18,6 +18,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
 from mien.synthetic import make_sequence, moved
+from mien.tracking.person import MOUTH, TRACKED
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from mien.tracking.tracker import PaperTracker
@@ -189,16 +190,42 @@ def test_what_an_expression_moves_says_less() -> None:
 
 
 def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
-    """Twenty times as firm at rest, half of that at `rest_within`, and next to nothing of it further away."""
-    s = RealtimeSettings(rest_animation=0.5, rest_jaw=1.0, rest_firmness=20, rest_within=0.1)
+    """So many times as firm at rest, half of that at `rest_within`, and next to nothing of it further away."""
+    firmness = {"rest_firmness": 20.0, "rest_mouth_firmness": 50.0, "rest_jaw_firmness": 40.0}
+    s = RealtimeSettings(rest_animation=0.5, rest_mouth=1.0, rest_within=0.1, **firmness)
     tracker = RealtimeTracker(s)
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
     tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
     *_, at, information = tracker._prior(tracker._stay())
     np.testing.assert_array_equal(at, tracker.fit.animation)
-    loose = np.array([4.0, 1.0, 4.0, 4.0, 4.0, 4.0])  # the second is jaw_drop
-    np.testing.assert_allclose(information, loose * [21, 21, 11, 11, 1 + 20 / 101, 3], rtol=1e-6)
+    loose = np.array([1.0, 1.0, 1.0, 4.0, 1.0, 4.0])  # the second is jaw_drop, fourth and sixth are of the brows
+    np.testing.assert_allclose(information, loose * [51, 41, 26, 11, 1 + 50 / 101, 3], rtol=1e-6)
+
+
+def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
+    """As long as nothing is before it: a landmark elsewhere that looks as strange says nothing."""
+    tracker = RealtimeTracker()
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    view, found = tracker._search(frame)
+    strange = replace(
+        found, d2=np.full_like(found.d2, 120.0), w=np.full_like(found.w, 0.01), facing=np.full(len(found.w), True)
+    )
+    tracker._remember(frame, view, strange)
+    assert (tracker.motion.weight[MOUTH] > 0.9).all()
+    assert (tracker.motion.weight[~MOUTH] < 0.1).all()
+    tracker._remember(frame, view, replace(strange, d2=np.full_like(found.d2, 1000.0)))
+    assert (tracker.motion.weight < 0.1).all()
+
+
+def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    across = np.ptp(tracker.face.patches[:, :, 0], axis=1)
+    corners = np.array(["mouth_corner" in name for name in TRACKED])
+    assert across[corners] == pytest.approx(2 * tracker.settings.motion_corner, rel=0.25)
+    assert across[~corners].min() > 2 * across[corners].max()
 
 
 def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:

@@ -22,6 +22,7 @@ from mien.tracking.uncertainty import (
     state_covariance,
     still_known,
     systematic_covariance,
+    visibility,
 )
 from strategies import head_rotations, rotation_vectors
 
@@ -108,6 +109,22 @@ def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:
     assert confidence(1e-4 * np.eye(12), 1.0, FAMILIAR) > 0.99
     assert hidden[-1] < 0.05
     assert confidence(1e9 * np.eye(12), 0.0, familiarity(np.zeros(0), FACING, FACING)) == 0
+
+
+def test_what_looks_strange_and_came_suddenly_is_hidden() -> None:
+    d2, agreement, mouth = (a.ravel() for a in np.meshgrid([20.0, 150.0, 1000.0], [0.0, 1.0], [False, True]))
+    seen = visibility(d2, np.full(12, True), agreement, mouth.astype(bool))
+    assert ((seen >= 0) & (seen <= 1)).all()
+    by_distance = seen.reshape(2, 3, 2)  # by agreement, distance, whether it is the mouth's
+    assert (np.diff(by_distance, axis=1) < 0).all()
+    assert (np.diff(by_distance, axis=0) > 0).all()
+    assert (np.diff(by_distance, axis=2) > 0).all()
+    assert (by_distance[:, 0] > 0.99).all()
+    assert (by_distance[:, 2] < 0.02).all()
+    hidden, came_slowly = by_distance[:, 1, 0]
+    assert hidden < 0.1
+    assert came_slowly > 0.5
+    assert not visibility(d2, np.full(12, False), agreement, mouth.astype(bool)).any()
 
 
 def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:

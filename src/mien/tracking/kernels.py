@@ -376,12 +376,12 @@ def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any
 
 
 @kernel()
-def firm(information: Any, moved: Any, firmness: float, times: float) -> Any:
-    """Information (6,) of an animation's rest, with the tails of Student's t: that times `1 + firmness` where nothing
-    has moved (6,), with half of what this adds where it has by 1; and all that so many times."""
+def firm(information: Any, moved: Any, firmness: Any, times: float) -> Any:
+    """Information (6,) of an animation's rest, with the tails of Student's t: that times `1 + firmness` (6,) where
+    nothing has moved (6,), with half of what this adds where it has by 1; and all that so many times."""
     out = np.empty(information.size)
     for k in range(out.size):
-        out[k] = times * information[k] * (1 + firmness / (1 + moved[k] * moved[k]))
+        out[k] = times * information[k] * (1 + firmness[k] / (1 + moved[k] * moved[k]))
     return out
 
 

@@ -32,6 +32,7 @@ _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lowe
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What eyes do, in turn, in every so many views: half closed, shut, looking to one side and to the other."""
 _EYE_VIEWS = 4
+_CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 _CLEAR = 0.5
 """Depth behind the face's own surface, over that at which a landmark is hidden, beyond which nothing is learned."""
 _LIT_VIEWS = 2
@@ -201,9 +202,11 @@ def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: 
 
 def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:
     """Grids (n, m, 3) of the surface around points (n, 3), camera axes, even in the first frame's image."""
-    side = np.linspace(-1, 1, settings.motion_grid) * settings.motion_patch * camera.focal_px / fit.t[2]
+    side = np.linspace(-1, 1, settings.motion_grid) * camera.focal_px / fit.t[2]
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    pixels = camera.project(points)[0][:, None] + grid
+    half = np.full(len(points), settings.motion_patch)
+    half[_CORNERS] = settings.motion_corner
+    pixels = camera.project(points)[0][:, None] + grid * half[:, None, None]
     grids = np.ones((*pixels.shape[:2], 3))
     grids[..., :2] = (pixels - [camera.cx, camera.cy]) / camera.focal_px
     grids *= points[:, None, 2:]

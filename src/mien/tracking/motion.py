@@ -39,6 +39,8 @@ from mien.tracking.kernels import (
 from mien.tracking.state import Mask
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
+MOUTH_UNITS = [k for k, unit in enumerate(TRACKED_UNITS) if "brow" not in unit]
+"""Units that move the mouth."""
 _RIGID = 6
 """Numbers of a pose step that turn and move the head, before those of the animation."""
 _OF_THE_FACE, _LEAST_PATCHES = 0.2, 4

@@ -32,6 +32,8 @@ apart, and away from the eyes, which spectacles hide. Light and hair move the lo
 believed less."""
 JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 """Landmarks that the jaw carries."""
+MOUTH = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
+"""Which landmarks are of mouth and chin, whose look changes as they move."""
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]

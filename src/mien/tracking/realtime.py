@@ -21,8 +21,8 @@ from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
 from mien.tracking.first_run import CompiledBeside
 from mien.tracking.learning import Level
-from mien.tracking.motion import JAW_DROP, LOOK_BACK, Motion
-from mien.tracking.person import JAW, TRUSTED, Person
+from mien.tracking.motion import JAW_DROP, LOOK_BACK, MOUTH_UNITS, Motion
+from mien.tracking.person import JAW, MOUTH, TRUSTED, Person
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
@@ -40,6 +40,7 @@ from mien.tracking.uncertainty import (
     state_covariance,
     still_known,
     turn_squared,
+    visibility,
 )
 
 _UPPER_LIDS, _LOWER_LIDS = (
@@ -91,8 +92,9 @@ class RealtimeTracker:
         sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
         sd[6 + JAW_DROP] = s.prior_jaw
         self.information = np.diag(1 / sd**2)
-        self.rest_information = np.full(6, 1 / s.rest_animation**2)
-        self.rest_information[JAW_DROP] = 1 / s.rest_jaw**2
+        self.rest_information, self.rest_firmness = np.full(6, s.rest_animation**-2), np.full(6, s.rest_firmness)
+        self.rest_information[MOUTH_UNITS], self.rest_firmness[MOUTH_UNITS] = s.rest_mouth**-2, s.rest_mouth_firmness
+        self.rest_firmness[JAW_DROP] = s.rest_jaw_firmness
         self.velocity = np.zeros(12)
         self.motion = Motion(self.face.patches, s, self.person.plain)
         self.scene = Scene(LOOK_BACK)
@@ -275,7 +277,9 @@ class RealtimeTracker:
         with the last frame's, and with those of some frames ago."""
         self.scene.remember(frame)
         self.spread = solution.spread
+        # A mouth that moves soon looks like nothing that is known of it: its patches say how it moves while it is seen.
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
+        np.maximum(seen, MOUTH * self._visibility(solution), out=seen)
         return self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
@@ -352,7 +356,7 @@ class RealtimeTracker:
         s, pose = self.settings, predicted.pose
         turned = turn_squared(pose.R, self.axes.first.R) / math.sin(math.radians(s.rest_turn_deg)) ** 2
         moved = (self.pose.animation - self.fit.animation) / s.rest_within
-        firm = kernels.firm(self.rest_information, moved, s.rest_firmness, 1 + turned)
+        firm = kernels.firm(self.rest_information, moved, self.rest_firmness, 1 + turned)
         return (*pose.arrays, predicted.information, self.fit.animation, firm)
 
     def _posterior(self, view: View, predicted: Prediction) -> PosePosterior:
@@ -372,6 +376,10 @@ class RealtimeTracker:
             view=view.geometry,
         )  # fmt: skip
 
+    def _visibility(self, solution: Solution) -> Array:
+        """Probability (n,) that nothing hides a landmark."""
+        return visibility(solution.d2, solution.facing, self.motion.agreement, MOUTH)
+
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error. familiar: see `familiarity`."""
         n = len(LANDMARK_NAMES)
@@ -380,7 +388,8 @@ class RealtimeTracker:
             X[_UPPER_LIDS], X[_LOWER_LIDS] = closed_lids(X[_UPPER_LIDS], X[_LOWER_LIDS], closing.share)
         seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, seen[:n].astype(float), distance)
+        visible = self._visibility(solution)[:n]
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, visible, distance)
         share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         covariance = state_covariance(

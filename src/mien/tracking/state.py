@@ -39,8 +39,8 @@ class Status(str, Enum):
 class TrackedLandmarks:
     """Landmarks of one frame: n names, (n, 2) pixels, (n, 3) CANDIDE units in camera axes.
 
-    visibility: (n,) in [0, 1], 0 where the landmark is hidden; distance: (n,) Mahalanobis distance of what
-    was seen from what was expected. What a tracker does not estimate is None.
+    visibility: (n,) probability that nothing hides the landmark; distance: (n,) Mahalanobis distance of what was
+    seen from what was expected. What a tracker does not estimate is None.
     """
 
     names: tuple[str, ...]

@@ -19,6 +19,7 @@ import numpy as np
 
 from mien.compiled import kernel
 from mien.geometry.rotation import Array
+from mien.tracking.state import Mask
 
 NOISE_SCALE = 0.165
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
@@ -44,6 +45,10 @@ mostly lost, so that no error could be measured."""
 _STRANGER = (43.0, 3.0, 2.5)
 """Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
 turn, and the width of the step: between strangers and the same face of three subjects."""
+
+_VISIBLE, _VISIBLE_MOUTH = (21.8, -4.9, 3.5), 1.8
+"""Bias, and weights of the logarithm of a landmark's squared distance and of the agreement of its patch, and what is
+added for a mouth, whose look changes as it moves: fitted to recordings and drawn heads, with boards before them."""
 
 FAMILIAR = 0.5
 """What `familiarity` says of a face above which it looks like that of the first frame."""
@@ -145,6 +150,20 @@ def confidence(covariance: Array, seen: float, familiar: float, known: float = 0
     spread = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
     right = _logistic(bias + by_spread * math.log(spread))
     return right * _logistic((seen - least) / width) * max(familiar, _STILL_KNOWN * known)
+
+
+def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
+    """Probability (n,) that nothing hides a landmark, from the squared distances d2 (n,); 0 for those that do not face
+    the camera.
+
+    agreement: (n,) of their patches with the frames before, see `Motion`; mouth: (n,) those of mouth and chin. What
+    comes before a face looks strange, and comes suddenly. An expression looks strange as well, but mostly comes by and
+    by, and stays on the face.
+    """
+    bias, by_distance, by_agreement = _VISIBLE
+    strange = by_distance * np.log(np.maximum(d2, 1.0))
+    evidence = bias + strange + by_agreement * agreement + _VISIBLE_MOUTH * mouth
+    return np.asarray(facing / (1 + np.exp(-evidence)))
 
 
 def familiarity(d2: Array, R: Array, R_first: Array) -> float:

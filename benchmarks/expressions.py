@@ -1,0 +1,98 @@
+"""Real recordings: how the animation units move beside what they move in MediaPipe's landmarks.
+
+`OMP_NUM_THREADS=1 python benchmarks/expressions.py PATH`, with PATH a folder of videos. MediaPipe's points of every
+frame, with their depths, are laid over those of the first by the points that no expression moves; the gap of the lips,
+the width of the mouth, how low its corners hang below the upper lip, and how high brows stand above the eyes are
+distances there, over that of the eyes' outer corners. Prints, as Markdown, the correlation of each with its unit, the
+standard deviation of the distance, in per cent, and the mean over the recordings, weighed by that.
+"""
+
+from __future__ import annotations
+
+import warnings
+from itertools import chain, takewhile
+from pathlib import Path
+
+import numpy as np
+from recordings import asked
+
+import mien
+from mien.errors import MienWarning
+from mien.evaluation.metrics import correlation
+from mien.geometry.rotation import Array
+from mien.initialization.detector import first_with_a_face, follow
+from mien.video import open_video
+
+STILL = [1, 4, 5, 6, 8, 9, 10, 33, 54, 93, 103, 127, 133, 151, 168, 195, 197, 234, 263, 284, 323, 332, 356, 362, 454]
+"""Points of nose, forehead, temples, and the corners of the eyes."""
+EYES = [33, 133, 362, 263]
+UNITS = ("jaw_drop", "lip_stretcher", "lip_corner_depressor", "brow_lowerer", "outer_brow_raiser")
+
+
+def laid_over(points: Array, first: Array) -> Array:
+    """Points (468, 3) moved, turned and scaled so that those which are still lie on those of the first frame."""
+    mean, mean_first = points[STILL].mean(axis=0), first[STILL].mean(axis=0)
+    centred, wanted = points[STILL] - mean, first[STILL] - mean_first
+    U, S, Vt = np.linalg.svd(centred.T @ wanted)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    scale = (S * signs).sum() / (centred**2).sum()
+    return np.asarray(scale * (points - mean) @ (U * signs) @ Vt + mean_first)
+
+
+def distances(points: Array) -> Array:
+    """(5,) what the units move, signed as they are; points (468, 3) with y down."""
+    down = points[:, 1]
+    eyes = down[EYES].mean()
+    return np.array([
+        np.linalg.norm(points[13] - points[14]),
+        np.linalg.norm(points[61] - points[291]),
+        down[[61, 291]].mean() - down[0],
+        down[[55, 285]].mean() - eyes,
+        eyes - down[[63, 70, 293, 300]].mean(),
+    ])  # fmt: skip
+
+
+def seen_by_mediapipe(path: Path, seconds: float) -> dict[int, Array]:
+    """By frame in which there is a face: the distances (5,)."""
+    frames = takewhile(lambda frame: frame.time <= seconds, open_video(path))
+    found = first_with_a_face(frames)
+    if found is None:
+        return {}
+    first, faces = found
+    meshes = {
+        frame.index: np.column_stack([face.points[:468], face.depths[:468]])
+        for frame, face in chain([(first, faces[0])], follow(faces[0], frames))
+        if face.depths is not None
+    }
+    start = meshes[first.index]
+    eyes = float(np.linalg.norm(start[EYES[0]] - start[EYES[3]]))
+    return {k: distances(laid_over(mesh, start)) / eyes for k, mesh in meshes.items()}
+
+
+def compared(path: Path, seconds: float) -> tuple[Array, Array]:
+    """Of each unit: the correlation (5,) with its distance, and the standard deviation (5,) of that."""
+    seen = seen_by_mediapipe(path, seconds)
+    table = mien.track(path, at_once=True, end=seconds).to_pandas().set_index("frame")
+    both = [k for k in seen if k in table.index and table.success[k]]
+    moved = np.array([seen[k] for k in both])
+    units = table.loc[both, list(UNITS)].to_numpy()
+    pairs = zip(units.T, moved.T, strict=True)
+    return np.array([correlation(unit, distance) for unit, distance in pairs]), moved.std(axis=0)
+
+
+def main() -> None:
+    paths, seconds = asked(__doc__)
+    warnings.simplefilter("ignore", MienWarning)
+    print(f"| recording | {' | '.join(UNITS)} |", "|---" * (len(UNITS) + 1) + "|", sep="\n")
+    rows = []
+    for path in paths:
+        rows.append(compared(path, seconds))
+        cells = (f"{r:.2f} ({100 * sd:.1f})" for r, sd in zip(*rows[-1], strict=True))
+        print(f"| {path.stem} | {' | '.join(cells)} |", flush=True)
+    r, sd = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    mean = (np.nan_to_num(r) * sd).sum(axis=0) / sd.sum(axis=0)
+    print(f"| mean, weighed | {' | '.join(f'{value:.2f}' for value in mean)} |")
+
+
+if __name__ == "__main__":
+    main()
