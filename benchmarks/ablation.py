@@ -194,6 +194,8 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "rest of the animation a Gaussian": _set(
         rest_firmness=0, rest_mouth_firmness=0, rest_jaw_firmness=0, rest_animation=0.4, rest_mouth=0.5
     ),
+    "patches of the mouth's corners as large as others": _set(motion_corner=0.2),
+    "rest of the mouth as firm as the brows'": _set(rest_mouth=0.7, rest_mouth_firmness=22, rest_jaw_firmness=11),
     "animation units believed entirely": _set(unit_error=0),
     "expressive frames teach the shape too": _set(expression_sd=1e6),
     "eyes at the depth of the rest": _set(eyes_sd=0),

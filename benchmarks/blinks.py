@@ -10,20 +10,18 @@ that time, so the rotation in a blink is compared with that between four frames 
 from __future__ import annotations
 
 import warnings
-from itertools import chain, groupby, takewhile
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from recordings import asked, rotations
+from recordings import asked, rotations, seen_by_mediapipe
 
 import mien
 from mien.config import RealtimeSettings
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
 from mien.geometry.rotation import Array, exp, log
-from mien.initialization.detector import first_with_a_face, follow
 from mien.tracking.realtime import RealtimeTracker
-from mien.video import open_video
 
 LIDS, CORNERS = ((159, 145), (386, 374)), ((33, 133), (362, 263))
 """MediaPipe's points in the middle of the lids, and at the corners, of the right and of the left eye."""
@@ -42,17 +40,12 @@ class Unaware(RealtimeTracker):
 
 def openings(path: Path, seconds: float) -> dict[int, float]:
     """By frame: the mean opening of both eyes over their width, where there is a face."""
-    frames = takewhile(lambda frame: frame.time <= seconds, open_video(path))
-    found = first_with_a_face(frames)
-    if found is None:
-        return {}
-    first, faces = found
 
     def apart(points: Array, pairs: tuple[tuple[int, int], ...]) -> Array:
         return np.array([np.linalg.norm(points[a] - points[b]) for a, b in pairs])
 
-    seen = chain([(first, faces[0])], follow(faces[0], frames))
-    return {frame.index: float((apart(face.points, LIDS) / apart(face.points, CORNERS)).mean()) for frame, face in seen}
+    seen = seen_by_mediapipe(path, seconds)
+    return {k: float((apart(face.points, LIDS) / apart(face.points, CORNERS)).mean()) for k, face in seen}
 
 
 def blinks(opening: dict[int, float]) -> list[tuple[int, int]]:

@@ -10,18 +10,15 @@ standard deviation of the distance, in per cent, and the mean over the recording
 from __future__ import annotations
 
 import warnings
-from itertools import chain, takewhile
 from pathlib import Path
 
 import numpy as np
-from recordings import asked
+from recordings import asked, seen_by_mediapipe
 
 import mien
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
 from mien.geometry.rotation import Array
-from mien.initialization.detector import first_with_a_face, follow
-from mien.video import open_video
 
 STILL = [1, 4, 5, 6, 8, 9, 10, 33, 54, 93, 103, 127, 133, 151, 168, 195, 197, 234, 263, 284, 323, 332, 356, 362, 454]
 """Points of nose, forehead, temples, and the corners of the eyes."""
@@ -52,26 +49,21 @@ def distances(points: Array) -> Array:
     ])  # fmt: skip
 
 
-def seen_by_mediapipe(path: Path, seconds: float) -> dict[int, Array]:
+def distances_of_frames(path: Path, seconds: float) -> dict[int, Array]:
     """By frame in which there is a face: the distances (5,)."""
-    frames = takewhile(lambda frame: frame.time <= seconds, open_video(path))
-    found = first_with_a_face(frames)
-    if found is None:
-        return {}
-    first, faces = found
     meshes = {
-        frame.index: np.column_stack([face.points[:468], face.depths[:468]])
-        for frame, face in chain([(first, faces[0])], follow(faces[0], frames))
+        k: np.column_stack([face.points[:468], face.depths[:468]])
+        for k, face in seen_by_mediapipe(path, seconds)
         if face.depths is not None
     }
-    start = meshes[first.index]
+    start = next(iter(meshes.values()), np.empty((468, 3)))
     eyes = float(np.linalg.norm(start[EYES[0]] - start[EYES[3]]))
     return {k: distances(laid_over(mesh, start)) / eyes for k, mesh in meshes.items()}
 
 
 def compared(path: Path, seconds: float) -> tuple[Array, Array]:
     """Of each unit: the correlation (5,) with its distance, and the standard deviation (5,) of that."""
-    seen = seen_by_mediapipe(path, seconds)
+    seen = distances_of_frames(path, seconds)
     table = mien.track(path, at_once=True, end=seconds).to_pandas().set_index("frame")
     both = [k for k in seen if k in table.index and table.success[k]]
     moved = np.array([seen[k] for k in both])

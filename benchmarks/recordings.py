@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from collections.abc import Iterator
+from itertools import chain, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,10 @@ import numpy as np
 import mien
 from mien.errors import MienWarning
 from mien.geometry.rotation import Array, angle_between, matrix_from_euler
+from mien.initialization.detector import first_with_a_face, follow
+from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Mask
-from mien.video import VIDEO_SUFFIXES
+from mien.video import VIDEO_SUFFIXES, open_video
 
 
 def videos_of(folder: Path) -> list[Path]:
@@ -32,6 +36,16 @@ def asked(description: str | None) -> tuple[list[Path], float]:
     parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
     arguments = parser.parse_args()
     return videos_of(arguments.path), arguments.seconds
+
+
+def seen_by_mediapipe(path: Path, seconds: float) -> Iterator[tuple[int, Landmarks]]:
+    """Index and landmarks of every frame of a recording with a face."""
+    frames = takewhile(lambda frame: frame.time <= seconds, open_video(path))
+    found = first_with_a_face(frames)
+    if found is not None:
+        first, faces = found
+        for frame, face in chain([(first, faces[0])], follow(faces[0], frames)):
+            yield frame.index, face
 
 
 def rotations(track: mien.Track) -> Array:

@@ -204,7 +204,8 @@ def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
 
 
 def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
-    """As long as nothing is before it: a landmark elsewhere that looks as strange says nothing."""
+    """As long as nothing is before it: a landmark elsewhere that looks as strange says nothing, and neither says whose
+    face it is."""
     tracker = RealtimeTracker()
     frame = sequence().frames[0]
     tracker.initialize(frame, face().landmarks, face().camera)
@@ -215,6 +216,8 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
     tracker._remember(frame, view, strange)
     assert (tracker.motion.weight[MOUTH] > 0.9).all()
     assert (tracker.motion.weight[~MOUTH] < 0.1).all()
+    _, says_whose_face_it_is = tracker.motion.seen[-1]
+    assert (says_whose_face_it_is < 0.1).all()
     tracker._remember(frame, view, replace(strange, d2=np.full_like(found.d2, 1000.0)))
     assert (tracker.motion.weight < 0.1).all()
 

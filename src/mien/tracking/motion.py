@@ -81,27 +81,32 @@ class Motion:
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
-        view: tuple[Array, ...], weight: Array,
+        view: tuple[Array, ...], weight: Array, moving: Array | None = None,
     ) -> tuple[float, float]:  # fmt: skip
         """Take the patches from a crop in which the face is at a pose (R, t, animation).
 
         person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
-        each landmark is the face's and not something's before it, 0 where it cannot be seen. Returns the median
+        each landmark is the face's and not something's before it, 0 where it cannot be seen; moving: (n,) how far it
+        says in the next frame how the face has moved, the same unless given. Returns the median
         correlations of the patches with those that were the face's in the frame before, and the highest of the last
         four frames' with those that were it 12 frames ago and still are; 0 where hardly any can be seen.
         """
         self.template = take_patches(image, person, self.patches, pose, view)
         values, norms = self.template[:2]
-        patches, last_weight, self.weight = values / np.maximum(norms, 1e-3)[:, None], self.weight, weight
+        patches, self.weight = values / np.maximum(norms, 1e-3)[:, None], weight if moving is None else moving
         self.seen.append((patches, weight))
         if len(self.seen) == 1:
             return 0.0, 0.0
-        (earlier, earlier_weight), (last, _) = self.seen[0], self.seen[-2]
+        (earlier, earlier_weight), (last, last_weight) = self.seen[0], self.seen[-2]
         correlation = (last * patches).sum(axis=1)
         self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
         np.minimum(self.agreement, correlation, out=self.agreement)
         self.later.append(_median((earlier * patches).sum(axis=1), self.telling * np.minimum(earlier_weight, weight)))
         return _median(correlation, self.telling * last_weight), max(self.later)
+
+    def disregard(self, landmarks: Mask) -> None:
+        """Take these landmarks (n,) of the last frame for something else's."""
+        self.weight[landmarks] = self.seen[-1][1][landmarks] = 0
 
     def keep(self, wanted: bool = True) -> None:
         """Keep the patches of 12 frames ago, before something came between; or, unless they are wanted, none."""

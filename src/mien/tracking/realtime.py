@@ -277,14 +277,14 @@ class RealtimeTracker:
         with the last frame's, and with those of some frames ago."""
         self.scene.remember(frame)
         self.spread = solution.spread
-        # A mouth that moves soon looks like nothing that is known of it: its patches say how it moves while it is seen.
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
-        np.maximum(seen, MOUTH * self._visibility(solution), out=seen)
-        return self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)
+        # A mouth that moves soon looks like nothing that is known of it: its patches say how it moves while it is seen.
+        moving = np.maximum(seen, MOUTH * self._visibility(solution))
+        return self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen, moving)
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
         """The view with the eyes hidden, the best solution in it, and the motion that the rest of the face shows."""
-        self.motion.weight[self.person.eyes] = 0
+        self.motion.disregard(self.person.eyes)
         view = replace(view, facing=view.facing & ~self.person.eyes)
         moved = self._move(view, predicted)
         return view, self._solve(view, moved.pose, moved), moved
