@@ -57,7 +57,8 @@ _LEAST_GREY = 1.0
 class Motion:
     """The patches around the landmarks as the last frame showed them.
 
-    agreement: (n,) correlation of each patch from frame to frame, the mean of the last ones or the last one, if lower.
+    weight: (n,) how far each counts when motion is measured; agreement: (n,) correlation of each patch from frame to
+    frame, the mean of the last ones or the last one, if lower.
     """
 
     def __init__(self, patches: Array, settings: RealtimeSettings, alike: Mask | None = None) -> None:
@@ -81,19 +82,18 @@ class Motion:
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
-        view: tuple[Array, ...], weight: Array, moving: Array | None = None,
+        view: tuple[Array, ...], weight: Array,
     ) -> tuple[float, float]:  # fmt: skip
         """Take the patches from a crop in which the face is at a pose (R, t, animation).
 
         person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
-        each landmark is the face's and not something's before it, 0 where it cannot be seen; moving: (n,) how far it
-        says in the next frame how the face has moved, the same unless given. Returns the median
+        each landmark is the face's and not something's before it, 0 where it cannot be seen. Returns the median
         correlations of the patches with those that were the face's in the frame before, and the highest of the last
         four frames' with those that were it 12 frames ago and still are; 0 where hardly any can be seen.
         """
         self.template = take_patches(image, person, self.patches, pose, view)
         values, norms = self.template[:2]
-        patches, self.weight = values / np.maximum(norms, 1e-3)[:, None], weight if moving is None else moving
+        patches, self.weight = values / np.maximum(norms, 1e-3)[:, None], weight
         self.seen.append((patches, weight))
         if len(self.seen) == 1:
             return 0.0, 0.0

@@ -278,9 +278,11 @@ class RealtimeTracker:
         self.scene.remember(frame)
         self.spread = solution.spread
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
+        agreements = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)
+        self.visible = visibility(solution.d2, solution.facing, self.motion.agreement, MOUTH)
         # A mouth that moves soon looks like nothing that is known of it: its patches say how it moves while it is seen.
-        moving = np.maximum(seen, MOUTH * self._visibility(solution))
-        return self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen, moving)
+        self.motion.weight = np.maximum(seen, MOUTH * self.visible)
+        return agreements
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
         """The view with the eyes hidden, the best solution in it, and the motion that the rest of the face shows."""
@@ -376,10 +378,6 @@ class RealtimeTracker:
             view=view.geometry,
         )  # fmt: skip
 
-    def _visibility(self, solution: Solution) -> Array:
-        """Probability (n,) that nothing hides a landmark."""
-        return visibility(solution.d2, solution.facing, self.motion.agreement, MOUTH)
-
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error. familiar: see `familiarity`."""
         n = len(LANDMARK_NAMES)
@@ -388,8 +386,7 @@ class RealtimeTracker:
             X[_UPPER_LIDS], X[_LOWER_LIDS] = closed_lids(X[_UPPER_LIDS], X[_LOWER_LIDS], closing.share)
         seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
-        visible = self._visibility(solution)[:n]
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, visible, distance)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, self.visible[:n], distance)
         share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         covariance = state_covariance(
