@@ -18,7 +18,7 @@ from recordings import asked, seen_by_mediapipe
 import mien
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
-from mien.geometry.rotation import Array
+from mien.geometry.rotation import Array, similarity
 
 STILL = [1, 4, 5, 6, 8, 9, 10, 33, 54, 93, 103, 127, 133, 151, 168, 195, 197, 234, 263, 284, 323, 332, 356, 362, 454]
 """Points of nose, forehead, temples, and the corners of the eyes."""
@@ -28,12 +28,8 @@ UNITS = ("jaw_drop", "lip_stretcher", "lip_corner_depressor", "brow_lowerer", "o
 
 def laid_over(points: Array, first: Array) -> Array:
     """Points (468, 3) moved, turned and scaled so that those which are still lie on those of the first frame."""
-    mean, mean_first = points[STILL].mean(axis=0), first[STILL].mean(axis=0)
-    centred, wanted = points[STILL] - mean, first[STILL] - mean_first
-    U, S, Vt = np.linalg.svd(centred.T @ wanted)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    scale = (S * signs).sum() / (centred**2).sum()
-    return np.asarray(scale * (points - mean) @ (U * signs) @ Vt + mean_first)
+    scale, R, t = similarity(points[STILL], first[STILL])
+    return np.asarray(scale * points @ R.T + t)
 
 
 def distances(points: Array) -> Array:

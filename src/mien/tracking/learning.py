@@ -32,12 +32,13 @@ _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lowe
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What eyes do, in turn, in every so many views: half closed, shut, looking to one side and to the other."""
 _EYE_VIEWS = 4
-_CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 _CLEAR = 0.5
 """Depth behind the face's own surface, over that at which a landmark is hidden, beyond which nothing is learned."""
 _LIT_VIEWS = 2
 """Every so many views are drawn in another light too. What light changes is no matter of the mean: with a random light
 in each view, the mean would be as random."""
+_CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
+"""Landmarks beside which skin stays when they move: the patches whose motion is measured are small there."""
 
 
 @dataclass(frozen=True)
