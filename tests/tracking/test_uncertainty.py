@@ -10,11 +10,12 @@ from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp, log
 from mien.tracking.uncertainty import (
     ACROSS_SD,
+    AXES_SCALE,
     MISFIT_DISTANCE,
     NOISE_SCALE,
-    RELIEF_LEAST,
     RELIEF_SCALE,
     TRANSLATION_SCALE,
+    TURNED_SCALE,
     Reference,
     confidence,
     familiarity,
@@ -27,13 +28,14 @@ from mien.tracking.uncertainty import (
 from strategies import head_rotations, rotation_vectors
 
 RELIEF_SD = 0.1
-RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2 + RELIEF_LEAST**2
+RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2
 SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
 ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
 FAMILIAR = familiarity(PERFECT, FACING, FACING)
 AXES_SD = np.radians([2.0, 1.3, 0.7])
+SCALED_AXES = AXES_SD * AXES_SCALE
 AHEAD = np.array([0.0, 0.0, 1.0])
 FIRST = Reference(FACING, AHEAD, AXES_SD)
 
@@ -72,10 +74,10 @@ def test_systematic_covariance_by_hand() -> None:
     relief = RELIEF_VARIANCE * np.sin(0.5) ** 2
     apart = 2 * (1 - np.cos(0.5))  # the length of the difference of an axis that turns and where it was, squared
     panned = systematic_covariance(rotation(0, 0.5, 0), FIRST, RELIEF_SD)
-    assert np.trace(panned) == pytest.approx(relief + apart * (AXES_SD[[0, 2]] ** 2).sum())
+    assert np.trace(panned) == pytest.approx(relief + apart * (SCALED_AXES[[0, 2]] ** 2).sum())
     assert panned[1, 1] == pytest.approx(relief)
     rolled = systematic_covariance(rotation(0, 0, 0.5), FIRST, RELIEF_SD)
-    assert np.trace(rolled) == pytest.approx(apart * (AXES_SD[:2] ** 2).sum())
+    assert np.trace(rolled) == pytest.approx(apart * (SCALED_AXES[:2] ** 2).sum())
     np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
 
 
@@ -84,8 +86,9 @@ def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first
     """With R exp(d) in place of every R, R_first^T R is turned by R_first^T w; d small, about each axis of the head."""
     small = 1e-5
     turn = np.cross(AHEAD, R @ R_first.T @ AHEAD)
-    expected = RELIEF_VARIANCE * np.outer(turn, turn)
-    for d in np.diag(small * AXES_SD):
+    aside = TURNED_SCALE**2 * (1 - R_first[2, 2] ** 2)  # of a face that the first frame shows from the side
+    expected = (RELIEF_VARIANCE + aside) * np.outer(turn, turn)
+    for d in np.diag(small * SCALED_AXES):
         turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
         w = R_first @ log(turned) / small
         expected += np.outer(w, w)

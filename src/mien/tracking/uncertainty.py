@@ -25,18 +25,24 @@ NOISE_SCALE = 0.165
 """Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
 """Median squared distance of the landmarks at which those variances are twice that."""
-RELIEF_SCALE, RELIEF_LEAST = 0.36, 0.0175
+RELIEF_SCALE = 0.25
 """Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
-small: by that of the relief, and at least."""
-LEARNED_SCALE = 0.15
+small, by that of the relief."""
+TURNED_SCALE = 0.18
+"""The same of a face that is seen from the side in the first frame, which shows little of its relief: by the sine of
+the angle at which it is seen there."""
+LEARNED_SCALE = 0.1
 """The same where the look of the turned face was learned while it turned."""
+AXES_SCALE = (1.2, 0.85, 2.0)
+"""Factors of the standard deviations of the head's axes in tilt, pan and roll. What is wrong with the features of a face
+that turns far rolls it more than its axes do."""
 TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
-_CONFIDENCE = (-6.18, -1.49)
+_CONFIDENCE = (-7.5, -1.8)
 """Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are, with boards of all
 sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
@@ -105,11 +111,13 @@ def frame_variance(d2: Array, seen: float) -> float:
 def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
     """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
     A relief that is too deep along the first frame's ray, by a share of standard deviation relief_sd, turns too little,
-    about the axis of the turn out of that frame's image plane. So does a face whose look, by a share `learned`, was
-    learned where the tracker believed it to be when it turned. Where the axes are wrong by d, every R is R exp(d), an
-    error of R d, of which the first frame has first.R d."""
-    share = math.hypot(RELIEF_SCALE * relief_sd, RELIEF_LEAST, LEARNED_SCALE * learned)
-    covariance: Array = _of_turn_and_axes(R, first.R, first.ray, first.axes_sd, share)
+    about the axis of the turn out of that frame's image plane. So does a face of which that frame shows one side, and
+    one whose look, by a share `learned`, was learned where the tracker believed it to be when it turned. Where the axes
+    are wrong by d, every R is R exp(d), an error of R d, of which the first frame has first.R d."""
+    facing = float(first.R[:, 2] @ first.ray)
+    aside = math.sqrt(max(0.0, 1 - facing**2))
+    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * aside, LEARNED_SCALE * learned)
+    covariance: Array = _of_turn_and_axes(R, first.R, first.ray, first.axes_sd * AXES_SCALE, share)
     return covariance
 
 
