@@ -25,7 +25,7 @@ _SHUT = 1.25
 """Where real eyes are shut. This and the rest are from eyes whose closing is known (docs/benchmark.md)."""
 _DIMENSIONS = 40
 """Independent entries in the noise of both eyes' descriptors."""
-_BEGINS, _LASTS = 0.07, 0.35
+_BEGINS, _LASTS = 0.05, 0.35
 """Prior probability that eyes are closing, by any amount: where they were open in the last frame, and shut."""
 _OPEN_SD = 0.05
 """Standard deviation of what open eyes move along the way."""
