@@ -1,8 +1,9 @@
 """The real-time tracker with one mechanism off at a time, on the rendered sequences, as a Markdown table.
 
 `OMP_NUM_THREADS=1 python benchmarks/ablation.py PATH`, with PATH the folder of the rendered sequences. Protocol
-`rebased`, landmarks from the detector, found once for all rows. `jaw` is the correlation of `jaw_drop` with jawOpen
-over the sequences of kind `expression`, `jitter` that of `uniform`; the last two columns see every third frame alone.
+`rebased`, landmarks from the detector, found once for all rows. `jaw` and `smile` are the correlations of `jaw_drop`
+and `lip_stretcher` with the truth over the sequences of kind `expression`, `jitter` that of `uniform`; the last two
+columns see every third frame alone.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from mien.video import open_video
 
 KINDS = ("uniform", "expression", "light", "occluded", "wide")
 STEP = 3
-JAW = TRACKED_UNITS.index("jaw_drop")
+MOUTH = [TRACKED_UNITS.index(unit) for unit in ("jaw_drop", "lip_stretcher")]
 
 
 @dataclass(frozen=True)
@@ -253,7 +254,8 @@ def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
         yield f"{pooled_errors([s for s in every if s.result.kind == kind]).mean():.2f}"
     yield f"{pooled_errors(every).mean():.2f}"
     yield str(sum(s.lost for s in every))
-    yield f"{np.mean([s.unit_correlations[JAW] for s in every if s.result.kind == 'expression']):.2f}"
+    for correlation in np.mean([s.unit_correlations[MOUTH] for s in every if s.result.kind == "expression"], axis=0):
+        yield f"{correlation:.2f}"
     yield f"{max(np.nanmax(s.false_movement) for s in every if s.result.kind == 'uniform'):.2f}"
     yield f"{np.mean([s.jitter_deg for s in every if s.result.kind == 'uniform']):.2f}"
     yield f"{pooled_errors(third).mean():.2f}"
@@ -264,7 +266,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("path", type=Path)
     every = [prepare(sequence) for sequence in load_dataset("rendered", parser.parse_args().path)]
-    columns = ("", *KINDS, "all", "lost", "jaw", "false", "jitter", "all, every third", "lost")
+    columns = ("", *KINDS, "all", "lost", "jaw", "smile", "false", "jitter", "all, every third", "lost")
     print("| " + " | ".join(columns) + " |", "|---" * len(columns) + "|", sep="\n")
     for name, make in TRACKERS.items():
         scores = ([score(make, thinned(run, step)) for run in every] for step in (1, STEP))
