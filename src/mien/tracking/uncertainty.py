@@ -36,9 +36,9 @@ LEARNED_SCALE = 0.1
 AXES_SCALE = (1.2, 0.85, 2.0)
 """Factors of the standard deviations of the head's axes in tilt, pan and roll. What is wrong with the features of a face
 that turns far rolls it more than its axes do."""
-TRANSLATION_SCALE, ACROSS_SD = 2.6, 0.007
+TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
-what is wrong across the view in every frame."""
+what is wrong across the view in every frame, and of what a wrong relief adds, by the sine of the turn."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
@@ -94,8 +94,9 @@ def state_covariance(
     error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
     relief_sd, learned: see `systematic_covariance`."""
     covariance = frame_variance(d2, seen) * spread * _SCALES
-    covariance[3, 3] += ACROSS_SD**2
-    covariance[4, 4] += ACROSS_SD**2
+    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * turn_squared(R, first.R)
+    covariance[3, 3] += across
+    covariance[4, 4] += across
     covariance[:3, :3] += systematic_covariance(R, first, relief_sd, learned)
     return np.asarray(covariance)
 
