@@ -2,8 +2,8 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/translation.py PATH`, with PATH a folder of rendered sequences; landmarks from the
 detector. What a track cannot know is fitted to the truth first, once for a sequence: the unit of length, and which
-point of the head is its origin: by least squares, each coordinate weighed by the tracker's own deviation, since depth is
-known ten times less well than the rest. Errors are root mean squares in units of the truth, about centimetres, at a
+point of the head is its origin; by least squares, each coordinate weighed by the tracker's own deviation, since depth
+is known ten times less well than the rest. Errors are root mean squares in units of the truth, about centimetres, at a
 distance of about a metre; the shares those of the errors inside the 90 per cent intervals.
 """
 

@@ -34,8 +34,8 @@ the angle at which it is seen there."""
 LEARNED_SCALE = 0.1
 """The same where the look of the turned face was learned while it turned."""
 AXES_SCALE = (1.2, 0.85, 2.0)
-"""Factors of the standard deviations of the head's axes in tilt, pan and roll. What is wrong with the features of a face
-that turns far rolls it more than its axes do."""
+"""Factors of the standard deviations of the head's axes in tilt, pan and roll. Not all of it is theirs: what is wrong
+with the features of a face that turns far grows likewise, and rolls it more than its axes do."""
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame, and of what a wrong relief adds, by the sine of the turn."""
