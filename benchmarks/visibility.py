@@ -31,7 +31,6 @@ from mien.geometry.rotation import Array
 from mien.initialization.detector import first_with_a_face
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import realtime, uncertainty
-from mien.tracking.person import MOUTH
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Mask
 from mien.video import open_video
@@ -45,6 +44,7 @@ FAR_OFF = 0.1
 """Widths of the face by which the landmarks may be wrong in the median: beyond, they are not where they should be."""
 HIDDEN_COUNT = 0.3
 """How much all hidden landmarks of a video count beside those that are seen."""
+MOUTH = np.array(["lip" in name or "mouth" in name or "chin" in name for name in LANDMARK_NAMES])
 EYES = np.array(["eye" in name and "brow" not in name for name in LANDMARK_NAMES])
 
 

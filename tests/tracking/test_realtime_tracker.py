@@ -16,9 +16,9 @@ from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_by_name
 from mien.synthetic import make_sequence, moved
-from mien.tracking.person import MOUTH, TRACKED
+from mien.tracking import person
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from mien.tracking.tracker import PaperTracker
@@ -214,8 +214,9 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
         found, d2=np.full_like(found.d2, 120.0), w=np.full_like(found.w, 0.01), facing=np.full(len(found.w), True)
     )
     tracker._remember(frame, view, strange)
-    assert (tracker.motion.weight[MOUTH] > 0.9).all()
-    assert (tracker.motion.weight[~MOUTH] < 0.1).all()
+    mouth = tracker.person.mouth
+    assert (tracker.motion.weight[mouth] > 0.9).all()
+    assert (tracker.motion.weight[~mouth] < 0.1).all()
     _, says_whose_face_it_is = tracker.motion.seen[-1]
     assert (says_whose_face_it_is < 0.1).all()
     tracker._remember(frame, view, replace(strange, d2=np.full_like(found.d2, 1000.0)))
@@ -226,7 +227,7 @@ def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     across = np.ptp(tracker.face.patches[:, :, 0], axis=1)
-    corners = np.array(["mouth_corner" in name for name in TRACKED])
+    corners = np.array(["mouth_corner" in name for name in person.TRACKED])
     assert across[corners] == pytest.approx(2 * tracker.settings.motion_corner, rel=0.25)
     assert across[~corners].min() > 2 * across[corners].max()
 
@@ -391,3 +392,10 @@ def test_of_what_a_video_decodes_the_luma_is_enough(
         monkeypatch.delattr(Decoded, "rgb", raising=False)
     np.testing.assert_allclose(np.degrees(found[1]), np.degrees(found[0]), atol=0.1)
     assert np.ptp(np.degrees(found[1])[:, 1]) > 3
+
+
+def test_what_is_tracked_beside_the_landmarks_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No anchors at all: the face is followed, if less well."""
+    monkeypatch.setattr(person, "TRACKED", LANDMARK_VERTICES)
+    estimates = run(RealtimeTracker(), sequence())
+    assert errors_deg(estimates, sequence()).mean() < 3

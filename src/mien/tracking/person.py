@@ -32,8 +32,6 @@ apart, and away from the eyes, which spectacles hide. Light and hair move the lo
 believed less."""
 JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 """Landmarks that the jaw carries."""
-MOUTH = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
-"""Which landmarks are of mouth and chin, whose look changes as they move."""
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
@@ -57,9 +55,9 @@ class Person:
 
     neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of a look that is
     as it should be; tolerance: (n,) how much further it may be; variance: (n, 4) systematic error of a landmark's place
-    in pixels of the crop and of the angles that its patch shows; plain: (n,) those that look much alike on all faces;
-    strangeness: how much stranger the eyes mostly look than the rest of the face when it turns, logarithm of the ratio
-    of their distances.
+    in pixels of the crop and of the angles that its patch shows; eyes, mouth, plain: (n,) those of the eyes, those of
+    mouth and chin, whose look changes as they move, those that look much alike on all faces; strangeness: how much
+    stranger the eyes mostly look than the rest of the face when it turns, logarithm of the ratio of their distances.
     """
 
     def __init__(
@@ -80,6 +78,7 @@ class Person:
         self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
         brows = np.array(["brow" in name for name in TRACKED])
         self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
+        self.mouth = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
         self.closing_eyes = np.ascontiguousarray(face.fine.eyes[:, self.eyes])
         self.shape: ShapePosterior = (
             deepcopy(before.shape)

@@ -22,7 +22,7 @@ from mien.tracking.definite import inverse_definite, solve_definite
 from mien.tracking.first_run import CompiledBeside
 from mien.tracking.learning import Level
 from mien.tracking.motion import JAW_DROP, LOOK_BACK, MOUTH_UNITS, Motion
-from mien.tracking.person import JAW, MOUTH, TRUSTED, Person
+from mien.tracking.person import JAW, TRUSTED, Person
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
@@ -279,9 +279,10 @@ class RealtimeTracker:
         self.spread = solution.spread
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
         agreements = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)
-        self.visible = visibility(solution.d2, solution.facing, self.motion.agreement, MOUTH)
+        mouth = self.person.mouth
+        self.visible = visibility(solution.d2, solution.facing, self.motion.agreement, mouth)
         # A mouth that moves soon looks like nothing that is known of it: its patches say how it moves while it is seen.
-        self.motion.weight = np.maximum(seen, MOUTH * self.visible)
+        self.motion.weight = np.maximum(seen, mouth * self.visible)
         return agreements
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
