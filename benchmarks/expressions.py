@@ -52,7 +52,9 @@ def distances_of_frames(path: Path, seconds: float) -> dict[int, Array]:
         for k, face in seen_by_mediapipe(path, seconds)
         if face.depths is not None
     }
-    start = next(iter(meshes.values()), np.empty((468, 3)))
+    if not meshes:
+        return {}
+    start = next(iter(meshes.values()))
     eyes = float(np.linalg.norm(start[EYES[0]] - start[EYES[3]]))
     return {k: distances(laid_over(mesh, start)) / eyes for k, mesh in meshes.items()}
 

@@ -44,30 +44,30 @@ FAR_OFF = 0.1
 """Widths of the face by which the landmarks may be wrong in the median: beyond, they are not where they should be."""
 HIDDEN_COUNT = 0.3
 """How much all hidden landmarks of a video count beside those that are seen."""
-MOUTH = np.array(["lip" in name or "mouth" in name or "chin" in name for name in LANDMARK_NAMES])
 EYES = np.array(["eye" in name and "brow" not in name for name in LANDMARK_NAMES])
 
 
 @dataclass(frozen=True)
 class Seen:
     """What is told of landmarks (k,), those that face the camera: logarithm of the squared distance, agreement,
-    visibility, index; and whether a board is before them."""
+    visibility, whether it is the mouth's, index; and whether a board is before them."""
 
     distance: Array
     agreement: Array
     visibility: Array
+    mouth: Mask
     index: Array
     covered: Mask
 
 
 def track(frames: list[Frame], landmarks: Landmarks, camera: Camera) -> dict[int, tuple[Array, Array]]:
-    """By frame in which the face is not lost: where the landmarks are (26, 2), and what is told of each (26, 4):
-    logarithm of the squared distance, agreement, visibility, whether it faces the camera."""
+    """By frame in which the face is not lost: where the landmarks are (26, 2), and what is told of each (26, 5):
+    logarithm of the squared distance, agreement, visibility, whether it is the mouth's, and faces the camera."""
     noted: list[Array] = []
 
     def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
         value = uncertainty.visibility(d2, facing, agreement, mouth)
-        noted.append(np.column_stack([np.log(np.maximum(d2, 1.0)), agreement, value, facing])[:N])
+        noted.append(np.column_stack([np.log(np.maximum(d2, 1.0)), agreement, value, mouth, facing])[:N])
         return value
 
     out = {}
@@ -99,10 +99,10 @@ def seen_with_boards(frames: list[Frame], landmarks: Landmarks, camera: Camera, 
             off = np.median(np.linalg.norm(place - places[k], axis=1))
             if k and k in plain and off < FAR_OFF * width:
                 clear = (within[k] > INSIDE) | (within[k] < -BESIDE)
-                of = clear & (told[:, 3] > 0) & (plain[k][1][:, 3] > 0)
-                rows.append(np.column_stack([told[of, :3], np.flatnonzero(of), within[k, of] > 0]))
-    distance, agreement, visibility, index, covered = np.concatenate(rows).T
-    return Seen(distance, agreement, visibility, index.astype(int), covered > 0)
+                of = clear & (told[:, 4] > 0) & (plain[k][1][:, 4] > 0)
+                rows.append(np.column_stack([told[of, :4], np.flatnonzero(of), within[k, of] > 0]))
+    distance, agreement, visibility, mouth, index, covered = np.concatenate(rows).T
+    return Seen(distance, agreement, visibility, mouth > 0, index.astype(int), covered > 0)
 
 
 def videos(rendered: Path, recordings: Path) -> Iterator[tuple[str, list[Frame], Landmarks, Camera]]:
@@ -124,20 +124,18 @@ def share(told: Array, of: Mask) -> str:
 
 
 def row(name: str, parts: list[Seen]) -> str:
-    visibility, index, covered = (
-        np.concatenate([getattr(p, k) for p in parts]) for k in ("visibility", "index", "covered")
+    visibility, mouth, index, covered = (
+        np.concatenate([getattr(p, k) for p in parts]) for k in ("visibility", "mouth", "index", "covered")
     )
     told, seen = visibility > 0.5, ~covered
-    cells = [share(told, seen & of) for of in (index >= 0, MOUTH[index], EYES[index])]
+    cells = [share(told, seen & of) for of in (index >= 0, mouth, EYES[index])]
     return f"| {name} | {seen.sum()} | {' | '.join(cells)} | {covered.sum()} | {share(~told, covered)} |"
 
 
 def best_fit(parts: list[Seen]) -> Array:
     """Bias, weights of distance and agreement, and what is added for the mouth, that make these most probable, every
     video counting alike."""
-    X = np.concatenate(
-        [np.column_stack([np.ones_like(p.distance), p.distance, p.agreement, MOUTH[p.index]]) for p in parts]
-    )
+    X = np.concatenate([np.column_stack([np.ones_like(p.distance), p.distance, p.agreement, p.mouth]) for p in parts])
     seen = ~np.concatenate([p.covered for p in parts])
     weight = np.concatenate([
         np.where(p.covered, HIDDEN_COUNT / max(p.covered.sum(), 1), 1 / max((~p.covered).sum(), 1)) for p in parts

@@ -13,12 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from mien.compiled import kernel
-from mien.geometry.rotation import Array
+from mien.geometry.rotation import Array, ray_rotation
 from mien.tracking.state import Mask
 
 NOISE_SCALE = 0.165
@@ -33,7 +34,7 @@ TURNED_SCALE = 0.18
 the angle at which it is seen there."""
 LEARNED_SCALE = 0.1
 """The same where the look of the turned face was learned while it turned."""
-AXES_SCALE = (1.2, 0.85, 2.0)
+AXES_SCALE = np.array([1.2, 0.85, 2.0])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll. Not all of it is theirs: what is wrong
 with the features of a face that turns far grows likewise, and rolls it more than its axes do."""
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
@@ -85,6 +86,11 @@ class Reference:
     ray: Array
     axes_sd: Array
 
+    @cached_property
+    def aside(self) -> float:
+        """Sine of the angle at which the first frame sees the face from the side."""
+        return math.sqrt(turn_squared(self.R, ray_rotation(self.ray)))
+
 
 def state_covariance(
     spread: Array, d2: Array, seen: float, R: Array, first: Reference, relief_sd: float, learned: float = 0.0
@@ -115,9 +121,7 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
     about the axis of the turn out of that frame's image plane. So does a face of which that frame shows one side, and
     one whose look, by a share `learned`, was learned where the tracker believed it to be when it turned. Where the axes
     are wrong by d, every R is R exp(d), an error of R d, of which the first frame has first.R d."""
-    facing = float(first.R[:, 2] @ first.ray)
-    aside = math.sqrt(max(0.0, 1 - facing**2))
-    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * aside, LEARNED_SCALE * learned)
+    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.aside, LEARNED_SCALE * learned)
     covariance: Array = _of_turn_and_axes(R, first.R, first.ray, first.axes_sd * AXES_SCALE, share)
     return covariance
 
