@@ -81,6 +81,22 @@ def test_rebased_and_sensor_differ_where_the_first_frame_is_turned() -> None:
     np.testing.assert_allclose(sensor.truth_deg[1], [0, 0, -10], atol=1e-9)
 
 
+def test_axes_of_the_head_can_be_aligned() -> None:
+    """A tracker that is right, but for which way it takes the head to look, and one that turns too far."""
+    R = FACING @ _random_rotations(40, 4)
+    other = exp(np.radians([4.0, -7.0, 2.0]))
+    leaning = compare(Protocol.REBASED, Truth(40, rotations=R), R @ other)
+    assert np.abs(leaning.error_deg).mean() > 1.0
+    np.testing.assert_allclose(leaning.aligned_error_deg, 0, atol=1e-6)
+
+    pans = np.linspace(0, 30, 10)
+    turned = np.stack([FACING @ _pan(a) for a in pans])
+    too_far = np.stack([FACING @ _pan(1.1 * a) for a in pans])
+    too_far[4] = np.nan  # lost: the last rotation is held, and nothing aligned to it
+    wrong = compare(Protocol.REBASED, Truth(10, rotations=turned), too_far)
+    np.testing.assert_allclose(wrong.aligned_error_deg, wrong.error_deg, atol=1e-6)
+
+
 def test_each_protocol_ignores_the_offset_that_it_should() -> None:
     R = FACING @ _random_rotations(10, 2)
     offset = exp(np.array([0.1, -0.2, 0.15]))

@@ -16,7 +16,7 @@ from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, angle_between
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_by_name
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_told
 from mien.synthetic import make_sequence, moved
 from mien.tracking import person
 from mien.tracking.realtime import RealtimeTracker
@@ -55,7 +55,7 @@ def test_spectacles_are_followed() -> None:
 def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None:
     """Also where the fitted model does not reach them; those that an annotation lacks are the model's."""
     sequence = small_motion()
-    rows = rows_by_name(face().landmarks.scheme)
+    rows = rows_told(face().landmarks.scheme)
     known = [LANDMARK_NAMES.index(name) for name in rows]
     points = face().landmarks.points[list(rows.values())].mean(axis=1)
     assert len(known) > 20

@@ -17,7 +17,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import Array, exp, log, similarity
 from mien.initialization.detector import import_solution, read_faces, silenced
-from mien.initialization.landmarks import Landmarks, rows_by_name, rows_of_scheme
+from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_told
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install 'mien[auto]' (Python 3.10 to 3.12)"
@@ -41,7 +41,7 @@ class MediaPipeTracker:
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None
-        rows = rows_by_name("mediapipe478")
+        rows = rows_told("mediapipe478")
         self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:

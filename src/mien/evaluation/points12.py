@@ -2,8 +2,8 @@
 
 | point | iBUG-68 | MediaPipe |
 |---|---|---|
-| outer and inner corner of the right eye | 36, 39 | 33, between 133 and 155 |
-| inner and outer corner of the left eye | 42, 45 | between 362 and 382, 263 |
+| outer and inner corner of the right eye | 36, 39 | between 33 and 7, 133 and 155 |
+| inner and outer corner of the left eye | 42, 45 | between 362 and 382, 263 and 249 |
 | tip of the nose, its base | 30, 33 | 4, between 94 and 164 |
 | under the right and the left nostril | 31, 35 | between 97 and 98, 326 and 327 |
 | right and left corner of the mouth | 48, 54 | 61, 291 |
@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import rows_by_name
+from mien.initialization.landmarks import rows_told
 
 POINT_NAMES = (
     "right_eye_outer_corner",
@@ -51,13 +51,13 @@ def points_of_scheme(points: Array, scheme: str) -> Array:
     """(n, k, 2) of a scheme of landmarks -> (n, 12, 2)."""
     if scheme == TWELVE:
         return points
-    rows = rows_by_name(scheme)
+    rows = rows_told(scheme)
     return np.asarray(points[:, [rows[name] for name in POINT_NAMES]].mean(axis=2))
 
 
 def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
     """A name for each of the points of a scheme: that of the landmark of CANDIDE, or its number."""
-    names = {int(a): name for name, (a, b) in rows_by_name(scheme).items() if a == b}
+    names = {int(a): name for name, (a, b) in rows_told(scheme).items() if a == b}
     return tuple(names.get(i, f"{scheme}_{i}") for i in range(count))
 
 

@@ -18,8 +18,10 @@ exact rotations need no reading.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -50,6 +52,11 @@ class Protocol(str, Enum):
         """Order of the intrinsic rotations, in SciPy's letters."""
         return "YXZ" if self is Protocol.SENSOR else "XYZ"
 
+    @property
+    def in_head_axes(self) -> bool:
+        """Whether rotations are those of axes that the tracker gives the head; `sensor` has the camera's."""
+        return self is not Protocol.SENSOR
+
 
 def protocol_named(name: str) -> Protocol:
     """The protocol of this name. Raises MienError with those that exist."""
@@ -79,6 +86,25 @@ class Comparison:
     def error_deg(self) -> Array:
         """(n, 3) estimate minus truth, between -180 and 180."""
         return wrap_deg(self.estimate_deg - self.truth_deg)
+
+    @cached_property
+    def aligned_error_deg(self) -> Array:
+        """(n, 3) the same with the head's axes, which no tracker can know exactly, turned as near to the true ones as
+        the rotations show them: one rotation for all frames, fitted to the frames that are not lost. At best, as it
+        takes a part of every other error away, the larger the less the head turns."""
+        seen = self.known & ~self.lost
+        if not seen.any():
+            return np.full_like(self.error_deg, np.nan)
+        order, columns = self.protocol.order, ["XYZ".index(axis) for axis in self.protocol.order]
+        truth, estimate = (
+            Rotation.from_euler(order, np.nan_to_num(angles)[:, columns], degrees=True).as_rotvec()
+            for angles in (self.truth_deg, self.estimate_deg)
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # turns about one axis alone leave the others' place open
+            turn, _ = Rotation.align_vectors(truth[seen], estimate[seen])
+        aligned = angles_deg(Rotation.from_rotvec(turn.apply(estimate)).as_matrix(), order)
+        return np.where(self.known[:, None], wrap_deg(aligned - self.truth_deg), np.nan)
 
     @property
     def sd_deg(self) -> Array:
@@ -148,9 +174,9 @@ def truth_rotations(protocol: Protocol, truth: Truth) -> Array:
 
 def relative(protocol: Protocol, rotations: Array, first: int = 0) -> Array:
     """(n, 3, 3) rotations since the first frame, in head axes; `sensor` has axes that stay with the camera."""
-    if protocol is Protocol.SENSOR:
-        return np.asarray(FACING @ rotations @ rotations[first].T @ FACING)
-    return np.asarray(rotations[first].T @ rotations)
+    if protocol.in_head_axes:
+        return np.asarray(rotations[first].T @ rotations)
+    return np.asarray(FACING @ rotations @ rotations[first].T @ FACING)
 
 
 def hold(rotations: Array) -> Array:

@@ -227,6 +227,14 @@ def pooled_errors(scores: Sequence[Score]) -> Array:
     return metrics.mean_absolute_error(pooled(scores, lambda s: s.error_deg), pooled(scores, lambda s: s.counted))
 
 
+def aligned_errors(scores: Sequence[Score]) -> Array:
+    """(3,) the same with the head's axes of every sequence aligned to the true ones."""
+    if not scores:
+        return np.full(3, np.nan)
+    errors = pooled(scores, lambda s: s.compared.aligned_error_deg)
+    return metrics.mean_absolute_error(errors, pooled(scores, lambda s: s.counted))
+
+
 def spread_of_errors(scores: Sequence[Score]) -> Array:
     """(3,) standard deviation of E_tilt, E_pan, E_roll over the sequences; NaN where there is only one."""
     errors = np.array([s.mean_errors for s in scores])

@@ -79,6 +79,11 @@ _SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "mediapipe478": (478, _MEDIAPIPE478),
 }
 SCHEMES = tuple(_SCHEMES)
+_TOLD: Mapping[str, Mapping[str, tuple[int, int]]] = {
+    "mediapipe478": {"right_eye_outer_corner": (33, 7), "left_eye_outer_corner": (263, 249)}
+}
+"""Where people mark a landmark, as far as that is not where the model is fitted and tracked, which moves less with the
+lids: outer corners of the eyes lie a hundredth of their distance below (docs/experiments.md)."""
 Point = tuple[float, float]
 """Pixels of the image, x and y."""
 
@@ -95,6 +100,11 @@ def rows_by_name(scheme: str) -> dict[str, NDArray[np.intp]]:
     """The same two points (2,) of an annotation by the landmark that they are, for those of the 26 that it has."""
     rows = dict(zip(*rows_of_scheme(scheme), strict=True))
     return {name: rows[vertex] for name, vertex in LANDMARK_VERTICES.items() if vertex in rows}
+
+
+def rows_told(scheme: str) -> dict[str, NDArray[np.intp]]:
+    """`rows_by_name` of where the landmarks are told to be."""
+    return rows_by_name(scheme) | {name: np.array(rows) for name, rows in _TOLD.get(scheme, {}).items()}
 
 
 MINIMUM_FACE_PX = 40.0

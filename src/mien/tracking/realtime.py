@@ -15,7 +15,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_told
 from mien.tracking import kernels
 from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
@@ -128,7 +128,7 @@ class RealtimeTracker:
         view, where the face is now; nothing for those that were not given."""
         X = self.person.posed(self.pose)[: len(LANDMARK_NAMES)]
         beside = np.zeros_like(X)
-        rows = rows_by_name(landmarks.scheme)
+        rows = rows_told(landmarks.scheme)
         known = [LANDMARK_NAMES.index(name) for name in rows]
         points = landmarks.points[list(rows.values())].mean(axis=1)
         beside[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
