@@ -48,8 +48,6 @@ class Adaptation:
 
     def offset(self, angles: Array) -> Float32:
         """(n, 128) at a tilt and pan (2,)."""
-        if not self.begun:
-            return self.nothing
         turn = angles - self.first
         offset = turn.astype(np.float32) @ self.slope
         _add_near(turn, self.near, self.views, offset)

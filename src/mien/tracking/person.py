@@ -115,7 +115,8 @@ class Person:
 
     def adapted(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""
-        return self.adaptation.offset(pose.angles) if level is self.face.fine else self.adaptation.nothing
+        adapts = level is self.face.fine and self.adaptation.begun
+        return self.adaptation.offset(pose.angles) if adapts else self.adaptation.nothing
 
     def learned_share(self, solution: Solution) -> float:
         """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
@@ -145,8 +146,10 @@ class Person:
         """How the face looks where it has turned away from the first frame's view: from a frame in which it is known to
         be the same face, however strange it looks. agreement: (n,) of each patch with the motion before."""
         s = self.settings
+        if self._turned_deg(solution) <= s.view_turn_deg:
+            return
         strange = self._strange(solution, agreement, s.view_strange_distance)
-        if self._turned_deg(solution) > s.view_turn_deg and strange.any():
+        if strange.any():
             self.adaptation.learn_view(solution.pose.angles, solution.residual[strange], strange)
 
     def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
