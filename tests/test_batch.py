@@ -34,6 +34,8 @@ while len([p for p in folder.glob("*.pid") if p.read_text()]) < 2:
     time.sleep(0.01)
 """
 
+ASKED = {name: None for name in ("camera", "focal_px", "fov_deg", "start", "end", "face")} | {"at_once": False}
+
 
 @pytest.fixture
 def videos(tmp_path: Path) -> Path:
@@ -55,7 +57,8 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
         Estimate(k, 0.5 * k, status, *((None, None) if status is Status.LOST else (R, t)), confidence=sure)
         for k, (status, sure) in enumerate(states)
     ]
-    Track.from_estimates(estimates, {"complete": True, "preset": "realtime", "passes": 1}).save(tmp_path / "done.csv")
+    metadata = {"complete": True, "preset": "realtime", "passes": 1, "asked": {**ASKED}}
+    Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
 
     def command(row: Row, wish: Wish) -> Command:
@@ -102,7 +105,7 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
     (tmp_path / "other" / "a.mp4").write_bytes(b"")
     for paths, out, message in (
         ([tmp_path / "none"], tmp_path / "out", "none: no such file or folder"),
-        ([tmp_path / "empty"], tmp_path / "out", "no video is there; mien looks for .avi"),
+        ([tmp_path / "empty"], tmp_path / "out", "no video is there; mien looks for .*.avi"),
         ([videos], videos, "holds the videos; choose another folder"),
         ([videos, tmp_path / "other"], tmp_path / "out", "would have the same table"),
     ):
@@ -167,7 +170,11 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     (out / "sub" / "c.parquet").unlink()
     assert _states(track_all([videos], out)) == ["tracked"] * 3
     assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
-    for wish in (Wish(preset="paper"), Wish(passes=2), Wish(overlay=True), Wish(plot=True)):
+    camera = tmp_path / "camera.json"
+    camera.write_text("{}")
+    os.utime(camera, (0, 0))
+    other = Wish(preset="paper"), Wish(passes=2), Wish(overlay=True), Wish(plot=True), Wish(camera=camera)
+    for wish in (*other, Wish(focal_px=500), Wish(fov_deg=30), Wish(start=1), Wish(end=2), Wish(at_once=True)):
         assert _states(track_all([videos / "sub"], out / "sub", wish)) == ["tracked"] * 2
 
 
@@ -181,6 +188,18 @@ def test_settings_that_have_changed_are_used(videos: Path, code: dict[str, str],
     assert _states(track_all([videos], out, wish)) == ["kept"] * 3
     os.utime(own, (time.time() + 10, time.time() + 10))
     assert _states(track_all([videos], out, wish)) == ["tracked"] * 3
+
+
+def test_what_was_noted_of_a_video_is_kept_with_it(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code["a.mp4"] = WARNED
+    out = tmp_path / "out"
+    for state in ("tracked", "kept"):
+        row = track_all([videos / "a.mp4"], out)[0]
+        assert (row.state, row.note) == (state, "the face is turned")
+    (out / "summary.csv").write_bytes(b"\xff\x00")
+    assert track_all([videos / "a.mp4"], out)[0].note == ""
+    del code["a.mp4"]
+    assert track_all([videos / "a.mp4"], out, Wish(again=True))[0].note == ""
 
 
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -217,7 +236,7 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.chdir(videos)
     write_video(videos / "-face.mkv", portrait_images())
     (videos / "broken.mp4").write_bytes(b"no video")
-    asked = ["batch", ".", "-o", str(out), "--focal", "500", "--at-once", "--overlay", "--plot"]
+    asked = ["batch", ".", "-o", str(out), "--focal", "500", "--end", "10", "--at-once", "--overlay", "--plot"]
     result = CliRunner().invoke(app, asked)
     assert result.exit_code == 2
     assert "1 of 2 videos tracked" in result.output

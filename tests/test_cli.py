@@ -127,6 +127,9 @@ def test_json_is_enough_to_get_the_same_numbers(mien: Command, video: Path, mark
 def test_the_table_takes_the_videos_name(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
     assert mien("track", video, "--landmarks", marks, "--quiet", "--end", "0.1").out == ""
     assert len(Track.read(tmp_path / "in.csv")) == 3
+    (tmp_path / "tables").mkdir()
+    mien("track", video, "--landmarks", marks, "-o", "tables", "--quiet", "--end", "0.01")
+    assert names(tmp_path / "tables") == {"in.csv", "in.json", "in.parquet"}
 
 
 def test_missing_folders_are_made(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
@@ -393,6 +396,9 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
         (["--fov", "190"], "between 0 and 180"),
         (["--camera", "missing.json"], "missing.json cannot be read"),
         (["--camera", "marks.json"], 'marks.json needs {"focal_px"'),
+        (["--start", "nan"], "start is nan; give a number"),
+        (["--fov", "170"], "sees more than 150 degrees"),
+        (["--end", "inf"], "end is inf; give a number"),
         (["--start", "9"], "no frame from 9 s"),
         (["--start", "2", "--end", "1"], "must come before the end"),
         (["--plot", "plot.docx"], "plot.docx: mien writes .png"),
@@ -402,6 +408,13 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
 )
 def test_options(refused: Callable[..., None], video: Path, marks: Path, options: list[str], words: str) -> None:
     refused(["track", video, "--landmarks", "marks.json", *options], words)
+
+
+def test_a_settings_file_is_an_input(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.json").write_text('{"view_rate": 0}')
+    asked = ["--preset", "realtime:own.json", "-o", "own.csv"]
+    refused(["track", video, "--landmarks", marks, *asked], "own.json would be written over an input")
+    refused(["track", video, "--faces", "2", *asked], "own.json would be written over an input")
 
 
 def test_camera_file(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
@@ -483,6 +496,25 @@ def test_interrupt_writes_what_was_tracked(
     assert settings["complete"] is False
     assert settings["stopped"] == "KeyboardInterrupt"
     assert names(tmp_path) == {video.name, marks.name, "over.mp4", "plot.png", *TABLES}
+
+
+def test_compiled_code_can_be_interrupted(
+    mien: Command, video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A compiled function in which Ctrl-C arrives raises a SystemError from it."""
+    within = SystemError("CPUDispatcher(<function solve>) returned a result with an exception set")
+    within.__cause__ = KeyboardInterrupt()
+    monkeypatch.setattr(RealtimeTracker, "track", _stop_at(4, within))
+    result = mien("track", video, "-o", "out.csv", "--landmarks", marks)
+    assert result.status == 130
+    assert result.err.splitlines()[-1] == "mien: interrupted"
+    assert json.loads((tmp_path / "out.json").read_text())["stopped"] == "KeyboardInterrupt"
+
+    def begin(*_: object) -> None:
+        raise within
+
+    monkeypatch.setattr(RealtimeTracker, "initialize", begin)
+    assert mien("track", video, "-o", "other.csv", "--landmarks", marks).status == 130
 
 
 def test_a_crash_writes_what_was_tracked_and_goes_on(

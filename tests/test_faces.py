@@ -157,7 +157,7 @@ def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
         "frame", "face_id", "timestamp", "confidence", "success", "status", "reason",
     }  # fmt: skip
     assert (lost["confidence"], lost["success"]) == (0, 0)
-    assert apart.table.slice(1, 2).drop(["reason"]).equals(other.track.table.slice(1, 2))
+    assert apart.table.slice(1, 2).equals(other.track.table.slice(1, 2))
     assert _apart(sure, [sure, other]).status == ["tracked", "lost", "tracked", "tracked", "lost"]
     assert _apart(sure, [sure]) is sure.track
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -118,7 +119,7 @@ def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker
 
 def test_camera_is_given_in_one_of_three_ways(folder: Path, tmp_path: Path) -> None:
     frame = Frame(np.zeros((240, 320, 3), np.uint8))
-    (tmp_path / "c.json").write_text('{"focal_px": 1, "cx": 2, "cy": 3}')
+    (tmp_path / "c.json").write_text('{"focal_px": 100, "cx": 2, "cy": 3}')
 
     def camera(given: Camera | Path | None = None, **how: float) -> Camera:
         return start.Footage(open_video(folder), given, **how).camera_of(frame)
@@ -126,9 +127,14 @@ def test_camera_is_given_in_one_of_three_ways(folder: Path, tmp_path: Path) -> N
     assert camera() == Camera.from_fov(320, 240, 60)
     assert camera(fov_deg=90).focal_px == pytest.approx(160)
     assert camera(focal_px=300) == Camera(300, 159.5, 119.5)
-    assert camera(Camera(1, 2, 3)) == camera(tmp_path / "c.json") == Camera(1, 2, 3)
+    assert camera(Camera(100, 2, 3)) == camera(tmp_path / "c.json") == Camera(100, 2, 3)
     with pytest.raises(MienError, match="more than one way"):
-        camera(Camera(1, 2, 3), focal_px=5)
+        camera(Camera(100, 2, 3), focal_px=5)
+    for how in ({"focal_px": 40.0}, {"fov_deg": 155.0}):
+        with pytest.raises(MienError, match="pixels sees more than 150 degrees"):
+            camera(**how)
+    with pytest.warns(MienWarning, match=r"at 960, 540, lies outside the image of 320x240"):
+        camera(Camera(1800, 960, 540))
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])
@@ -336,6 +342,27 @@ def test_an_error_on_the_way_keeps_the_rows_and_says_so(
         mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out.csv")
     assert len(mien.Track.read(tmp_path / "out.csv")) == 4
     assert json.loads((tmp_path / "out.json").read_text())["stopped"] == "ZeroDivisionError: a bug"
+
+
+def test_what_is_no_input_is_named(tracker: StillTracker, folder: Path) -> None:
+    marks: Any = known_portrait().landmarks
+    wrong: list[tuple[Any, dict[str, Any], str]] = [
+        (folder, {"landmarks": marks.points}, r"landmarks are .*ndarray"),
+        (folder, {"face": (1, 2, 3)}, r"face is \(1, 2, 3\)"),
+        (folder, {"landmarks": marks, "camera": {"focal_px": 1}}, "the camera is .*dict"),
+        (folder, {"landmarks": marks, "start": "1"}, "start is '1'"),
+        (np.zeros((2, 2)), {"landmarks": marks}, "a video is a file, .*ndarray"),
+        ("", {"landmarks": marks}, "the name of the video is empty"),
+    ]
+    for video, how, words in wrong:
+        with pytest.raises(MienError, match=words):
+            mien.track(video, **how)
+
+
+def test_a_further_face_of_an_earlier_run_is_warned_of(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.face1.csv").write_text("")
+    with pytest.warns(MienWarning, match=r"out\.face1\.csv is left from an earlier run; this one has 1 face$"):
+        mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
 
 
 def test_outputs_never_replace_inputs_or_each_other(tracker: StillTracker, tmp_path: Path) -> None:

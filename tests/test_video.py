@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import tracemalloc
 import warnings
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -287,6 +288,36 @@ def test_selection_keeps_indices_and_ends_before_the_end(video: Path) -> None:
     assert [f.index for f in chosen] == [2, 3, 4]
     assert expected_count(open_video(video), 0.08, 0.2) == 3
     assert expected_count(open_video(video)) == 10
+
+
+def test_images_come_by_their_numbers(tmp_path: Path) -> None:
+    for k, name in enumerate(("b1.png", "frame2.png", "frame09.png", "frame10.png", "frame010a.png", "z.png")):
+        cv2.imwrite(str(tmp_path / name), gradient(k)[..., ::-1])
+    blue = [int(frame.pixels[0, 0, 2]) for frame in frames_of(tmp_path)]
+    assert blue == [10 * k for k in range(6)]
+
+
+@pytest.mark.parametrize(("aspect", "size"), [("2/1", (128, 48)), ("1/2", (64, 96)), ("1/100", (64, 48))])
+def test_pixels_become_square(tmp_path: Path, aspect: str, size: tuple[int, int]) -> None:
+    """Unless the header says what cannot be."""
+    path = tmp_path / "narrow.mp4"
+    images = [gradient(k) for k in range(3)]
+    write_video(path, images, codec="libx264", pix_fmt="yuv420p", aspect=Fraction(aspect))
+    for frame in frames_of(path):
+        assert (frame.width, frame.height) == size
+        assert frame.pixels.shape == (size[1], size[0], 3)
+        assert frame.gray.shape == (size[1], size[0])
+        np.testing.assert_allclose(frame.pixels[0, :, 0], np.linspace(0, 250, size[0]), atol=16)
+        np.testing.assert_allclose(frame.pixels[:, 0, 1], np.linspace(0, 250, size[1]), atol=16)
+
+
+def test_a_video_whose_time_begins_late_is_whole(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "late.mkv", [gradient(k) for k in range(10)], times_ms=range(3600000, 3600400, 40))
+    opened = open_video(path)
+    assert [frame.time for frame in frames_of(path)][::9] == [3600, 3600.36]
+    assert opened.frame_count == 10
+    with pytest.raises(MienError, match=r"no frame before 1 s; the next is at 3600 s"):
+        list(select(opened, end=1))
 
 
 def test_selection_without_a_frame_says_how_long_the_video_is(video: Path) -> None:

@@ -36,6 +36,7 @@ def write_video(
     times_ms: Sequence[int] | None = None,
     fps: int = 25,
     options: dict[str, str] | None = None,
+    aspect: Fraction | None = None,
 ) -> Path:
     """Encode images of the format `of`; FFV1 in Matroska or AVI keeps every bit."""
     with av.open(str(path), "w", options=options or {}) as container:
@@ -46,6 +47,8 @@ def write_video(
         for index, image in enumerate(images):
             if index == 0:
                 stream.height, stream.width = image.shape[:2]
+                if aspect is not None:
+                    stream.codec_context.sample_aspect_ratio = aspect
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format=of)
             frame.pts, frame.time_base = (
                 (index, Fraction(1, fps)) if times_ms is None else (times_ms[index], MILLISECONDS)

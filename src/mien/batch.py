@@ -6,10 +6,11 @@ import csv
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,15 +33,40 @@ _SPOKEN = "mien: "
 
 @dataclass(frozen=True)
 class Wish:
-    """What is asked of every video: arguments of `mien track`, pictures to draw, whether to do again what is done."""
+    """What is asked of every video: as of `mien.track`, pictures to draw, whether to do again what is done."""
 
     preset: str = DEFAULT_PRESET
     passes: int = 1
     faces: int = 1
-    arguments: tuple[str, ...] = ()
+    camera: Path | None = None
+    focal_px: float | None = None
+    fov_deg: float | None = None
+    start: float | None = None
+    end: float | None = None
+    at_once: bool = False
     overlay: bool = False
     plot: bool = False
     again: bool = False
+
+    @property
+    def arguments(self) -> list[str]:
+        """What of it `mien track` is told."""
+        given = {"--preset": self.preset, "--passes": self.passes, "--faces": self.faces, "--camera": self.camera}
+        given |= {"--focal": self.focal_px, "--fov": self.fov_deg, "--start": self.start, "--end": self.end}
+        pairs = ((name, str(value)) for name, value in given.items() if value is not None)
+        return [*chain.from_iterable(pairs), *["--at-once"] * self.at_once]
+
+    def is_met_by(self, metadata: Mapping[str, Any]) -> bool:
+        """Whether a track with this NAME.json is what is asked for."""
+        names = ("focal_px", "fov_deg", "start", "end", "at_once")
+        asked = {"camera": self.camera and str(self.camera), **{name: getattr(self, name) for name in names}}
+        wanted = {"complete": True, "preset": self.preset, "passes": self.passes, "asked": {**asked, "face": None}}
+        return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
+
+    @property
+    def files(self) -> list[Path]:
+        """What it reads for every video."""
+        return [file for file in (file_of(self.preset), self.camera) if file is not None]
 
 
 @dataclass(frozen=True)
@@ -75,13 +101,15 @@ def track_all(
     """
     wish = wish or Wish()
     create_tracker(wish.preset)  # an unknown one is told now, and not of every video
-    rows = [Row(video, table) for video, table in find_videos(paths, out)]
+    notes = _notes(out / SUMMARY)
+    rows = [Row(video, table, note=notes.get(str(video), "")) for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     waiting = []
     for k, row in enumerate(rows):
         kept = None if wish.again else _kept(row, wish)
         if kept is None:
             waiting.append(k)
+            rows[k] = replace(rows[k], note="")
         else:
             rows[k] = kept
     commands = [_command(rows[k], wish) for k in waiting]
@@ -151,8 +179,7 @@ def _pictures(table: Path) -> tuple[Path, Path]:
 def _command(row: Row, wish: Wish) -> Command:
     overlay, plot = _pictures(row.table)
     pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
-    how = ("--preset", wish.preset, "--passes", str(wish.passes), "--faces", str(wish.faces), *wish.arguments)
-    arguments = ("track", "-o", str(row.table), *pictures, *how, "--quiet", "--", str(row.video))
+    arguments = ("track", "-o", str(row.table), *pictures, *wish.arguments, "--quiet", "--", str(row.video))
     return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
 
 
@@ -162,18 +189,14 @@ def _kept(row: Row, wish: Wish) -> Row | None:
     files = _files(row.table, wish)
     if not all(file.exists() for file in files):
         return None
-    settings = file_of(wish.preset)
-    made_from = [row.video] if settings is None else [row.video, settings]
-    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in made_from):
+    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.files)):
         return None
     try:
         track = Track.read(row.table)
     except MienError:
         return None
-    wanted = {"complete": True, "preset": wish.preset, "passes": wish.passes}
     known = track.metadata if isinstance(track.metadata, dict) else {}
-    asked = wanted.items() <= known.items() and known.get("faces_wanted", 1) == wish.faces
-    return _measured(replace(row, state=KEPT), track) if asked else None
+    return _measured(replace(row, state=KEPT), track) if wish.is_met_by(known) else None
 
 
 def _outcome(row: Row, ended: Ended) -> Row:
@@ -201,6 +224,18 @@ def _further(row: Row) -> Iterator[Row]:
         table = Destination(row.table).of_face(face_id).table
         if table is not None and table.exists():
             yield _measured(replace(row, table=table, face_id=face_id, note=""), Track.read(table))
+
+
+def _notes(summary: Path) -> dict[str, str]:
+    """What an earlier run's summary notes of each video, by its name; nothing where there is none."""
+    if not summary.is_file():
+        return {}
+    try:
+        with summary.open(encoding="utf-8", newline="") as stream:
+            rows = [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
+    except (ValueError, csv.Error):
+        return {}
+    return {row.get("video") or "": row.get("note") or "" for row in rows}
 
 
 def _write(rows: Sequence[Row], path: Path) -> None:

@@ -22,7 +22,7 @@ import typer
 from typer.core import TyperGroup
 
 from mien._version import __version__
-from mien.errors import MienError, MienWarning
+from mien.errors import MienError, MienWarning, interruption
 
 if TYPE_CHECKING:
     from mien.tracking.state import Estimate
@@ -49,7 +49,9 @@ class _Group(TyperGroup):
                 raise
             _say(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
             raise typer.Exit(BAD_INPUT) from error
-        except KeyboardInterrupt as error:
+        except (KeyboardInterrupt, SystemError) as error:
+            if not isinstance(interruption(error), KeyboardInterrupt):
+                raise
             _say("mien: interrupted")
             raise typer.Exit(INTERRUPTED) from error
 
@@ -154,7 +156,7 @@ def track(
     from mien.output.destination import Destination
     from mien.pipeline import track as track_video
 
-    output = output or Path(_stem(video) + ".csv")
+    output = _named(output, _stem(video) + ".csv")
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
     given |= {"start": start, "end": end, "at_once": at_once, "passes": passes}
     given |= {"save": output, "overlay": overlay, "plot": plot}
@@ -169,7 +171,7 @@ def track(
     if not quiet:
         for face_id, result in enumerate(tracks):
             which = "the face" if faces == 1 else f"face {face_id}"
-            typer.echo(f"{len(result)} frames, {which} lost in {result.lost}")
+            typer.echo(f"{len(result)} frame{'s' * (len(result) != 1)}, {which} lost in {result.lost}")
         files = Destination(output, overlay, plot)
         _print_written([path for face_id in range(len(tracks)) for path in files.of_face(face_id).paths()])
 
@@ -199,9 +201,7 @@ def batch(
     from mien.batch import FAILED, KEPT, SUMMARY, TRACKED, Wish, track_all
     from mien.processes import progress_bar
 
-    given = {"--camera": camera, "--focal": focal, "--fov": fov, "--start": start, "--end": end}
-    arguments = [text for name, value in given.items() if value is not None for text in (name, str(value))]
-    wish = Wish(preset, passes, faces, (*arguments, *["--at-once"] * at_once), overlay, plot, again)
+    wish = Wish(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
     with progress_bar("looking for videos", quiet) as progress:
         rows = track_all(paths, out, wish, jobs, progress)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}
@@ -239,7 +239,7 @@ def landmarks(
     """
     from mien.pipeline import write_first_frame
 
-    output = output or Path(_stem(video) + ".landmarks.json")
+    output = _named(output, _stem(video) + ".landmarks.json")
     plot = plot or output.with_suffix(".png")
     fit = write_first_frame(
         video,
@@ -321,6 +321,11 @@ def _stem(video: str) -> str:
     if video.isdecimal() and not path.exists():
         return f"camera-{video}"
     return path.resolve().name if path.is_dir() else path.stem
+
+
+def _named(output: Path | None, name: str) -> Path:
+    """Where the output goes that has this name unless another is given: in this folder, or in the one given."""
+    return Path(name) if output is None else output / name if output.is_dir() else output
 
 
 def _print_written(paths: list[Path]) -> None:

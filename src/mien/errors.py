@@ -16,6 +16,12 @@ def warn(message: str) -> None:
     warnings.warn(message, MienWarning, stacklevel=3)
 
 
+def interruption(error: BaseException) -> BaseException:
+    """The KeyboardInterrupt that an error comes from, as the SystemError of a compiled function that was stopped within
+    does; else the error."""
+    return error.__cause__ if isinstance(error.__cause__, KeyboardInterrupt) else error
+
+
 def require(condition: bool, message: str) -> None:
     """Raise `MienError(message)` unless the condition holds."""
     if not condition:

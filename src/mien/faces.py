@@ -23,7 +23,7 @@ from mien.initialization.landmarks import Landmarks, place_of
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, tracked
-from mien.registry import create_tracker
+from mien.registry import create_tracker, file_of
 from mien.start import LOOK_EVERY, Footage, Start, frames_to_look_at, prepare
 from mien.tracking.state import Estimate, Mask, Tracker
 from mien.video import open_video
@@ -125,9 +125,11 @@ def track_faces(
 
     Raises MienError for bad input, and where no face detector is installed or no face is found.
     """
-    files = Destination.checked(save, overlay, plot, inputs=(video, camera))
+    tracker = create_tracker(preset)
+    inputs = (video, camera, file_of(preset))
+    files = Destination.checked(save, overlay, plot, inputs)
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
-    check_passes(passes, footage.video, create_tracker(preset), preset)
+    check_passes(passes, footage.video, tracker, preset)
     name, count = footage.video.name, footage.frame_count
     require(faces >= 1, f"{faces} faces to track; give 1 or more")
     require(footage.video.path is not None, f"{name} shows every frame once; several faces need a file")
@@ -148,7 +150,7 @@ def track_faces(
         if begin is not None and not _is_known([_seen(begin.landmarks)], found):
             first = Pass(begin, preset, create_tracker(preset), face_id=len(found))
             of_face = replace(files.of_face(len(found)), overlay=None)
-            of_face.check(inputs=(video, camera))
+            of_face.check(inputs)
             followed = _follow(first, passes, found, of_face, partial(tell, len(found) + 1))
             found += [followed] if followed else []
     found = [replace(face, track=_apart(face, found)) for face in found]
@@ -159,6 +161,7 @@ def track_faces(
     tracks = [replace(face.track, metadata={**face.track.metadata, **of_all}) for face in found]
     for face_id, track in reversed(list(enumerate(tracks))):  # where the first is complete, all are
         files.of_face(face_id).write(track)
+    files.warn_of_more(len(tracks))
     return tracks
 
 
@@ -205,7 +208,7 @@ def _begin(seen: Sighting, footage: Footage, at_once: bool) -> Start | None:
         return None
     before = begin.since - LOOK_EVERY - 1 / footage.video.fps
     since = max(before, footage.start or 0.0)
-    return replace(begin, footage=footage, frames=footage.frames(), since=since, told=0)
+    return replace(begin, footage=footage, frames=footage.frames(), since=since, told=0, face=None)
 
 
 def _follow(

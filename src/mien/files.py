@@ -57,6 +57,13 @@ def require_writable(path: Path) -> None:
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")
 
 
+def require_ending(path: Path, endings: tuple[str, ...]) -> Path:
+    """The path, if its ending is one of these. Raises MienError otherwise."""
+    wanted = " or ".join(endings)
+    require(path.suffix.lower() in endings, f"{path}: mien writes {wanted} here; choose a name with that ending")
+    return path
+
+
 def json_text(values: Mapping[str, Any]) -> str:
     """JSON that a person can read and correct: indented, a list of numbers on one line. NaN is refused."""
     text = json.dumps(dict(values), indent=1, allow_nan=False)

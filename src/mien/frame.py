@@ -58,14 +58,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class Decoded:
-    """An image of PyAV, and what it becomes upright, as its metadata says.
+    """An image of PyAV, and what it becomes upright and with square pixels, as its metadata says.
 
     converter: a VideoReformatter, one for all images of a video: it keeps how to convert, which takes several times as
-    long to find out as to do.
+    long to find out as to do. aspect: width of a pixel over its height; the shorter side of the image is drawn out.
     """
 
     image: Any
     converter: Any
+    aspect: float = 1.0
 
     @cached_property
     def quarters(self) -> int:
@@ -75,19 +76,27 @@ class Decoded:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width, upright."""
-        height, width = int(self.image.height), int(self.image.width)
+        height, width = self._square
         return (width, height) if self.quarters % 2 else (height, width)
+
+    @cached_property
+    def _square(self) -> tuple[int, int]:
+        """Height and width with square pixels, before it is turned."""
+        height, width = int(self.image.height), int(self.image.width)
+        return round(height * max(1 / self.aspect, 1)), round(width * max(self.aspect, 1))
 
     def rgb(self) -> Pixels:
         """(H, W, 3) uint8."""
         with _converting:
-            pixels = self.converter.reformat(self.image, format="rgb24").to_ndarray()
+            height, width = self._square
+            pixels = self.converter.reformat(self.image, width, height, format="rgb24").to_ndarray()
         return np.ascontiguousarray(np.rot90(pixels, self.quarters))
 
     def luma(self) -> Pixels | None:
-        """(H, W) uint8, a view; None where what was decoded has no luma of eight bits apart from its colour."""
+        """(H, W) uint8, a view; None where what was decoded has no luma of eight bits apart from its colour, or no
+        square pixels."""
         plane, width, height = self.image.planes[0], self.image.width, self.image.height
-        if not _has_luma(self.image.format.name) or plane.line_size < width:
+        if not _has_luma(self.image.format.name) or plane.line_size < width or self._square != (height, width):
             return None
         rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
         return np.rot90(rows[:, :width], self.quarters)

@@ -17,7 +17,7 @@ import numpy as np
 
 from mien._version import __version__
 from mien.config import Settings
-from mien.errors import MienError, require, warn
+from mien.errors import MienError, interruption, require, warn
 from mien.files import checksum, require_writable
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -28,7 +28,7 @@ from mien.initialization.landmarks import Landmarks, Point
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
-from mien.registry import create_tracker
+from mien.registry import create_tracker, file_of
 from mien.start import TURNED_DEG, Footage, Start, prepare
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
@@ -103,7 +103,7 @@ def track(
     the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
-    files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera))
+    files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera, file_of(preset)))
     if show:
         require_screen()
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
@@ -118,6 +118,7 @@ def track(
     check_passes(passes, footage.video, tracker, preset)
     for result, _ in tracked(Pass(begin, preset, tracker, show=show), passes, files, tell):
         files.write(result)
+    files.warn_of_more(1)
     return result
 
 
@@ -168,7 +169,8 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
                         warn_of_a_turned_face(estimate, begin.footage.video.name)
                     if frame.index >= begin.told and frame.index not in earlier:
                         tell(estimate)
-        except BaseException as error:
+        except BaseException as raised:
+            error = interruption(raised)
             if not recorder.count:
                 for index in sorted(earlier):
                     recorder.add(earlier[index])
@@ -179,7 +181,9 @@ def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], 
                     stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
                     files.write(_told(recorder, tracker, metadata(this, recorder, stopped)))
                     warn(f"stopped after {recorder.count} frames, which are in {files.table}")
-            raise
+            if error is raised:
+                raise
+            raise error from None
         return _told(recorder, tracker, metadata(this, recorder)), tracker
 
 
@@ -322,6 +326,7 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         "preset": this.preset,
         "passes": this.turn,
         "face_id": this.face_id,
+        "asked": {**begin.footage.asked, "at_once": begin.at_once, "face": begin.face and list(begin.face)},
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),

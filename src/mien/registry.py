@@ -41,6 +41,7 @@ def create_tracker(name: str) -> Tracker:
 
     Raises MienError with the known names for an unknown one, and for settings that are not right.
     """
+    require(isinstance(name, str), f"a tracker is given by its name, not by {name!r}")
     known = name.partition(":")[0]
     module, _, cls = TRACKERS.get(known, name).partition(":")
     tracker = getattr(_module(module, name), cls, None) if cls else None

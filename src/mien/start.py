@@ -8,10 +8,12 @@ looks into it.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain, islice, takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +43,8 @@ TURNED_DEG = 15.0
 """Turn of the face where tracking begins beyond which errors are twice as large (docs/benchmark.md)."""
 _PATIENCE = 3.0
 """Seconds that a camera waits for a face to look into it."""
+_WIDEST_DEG = 150.0
+"""Horizontal field of view beyond which no lens draws as a pinhole does."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,19 @@ class Footage:
     start: float | None = None
     end: float | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("start", "end", "focal_px", "fov_deg"):
+            value = getattr(self, name)
+            number = value is None or (isinstance(value, (int, float)) and math.isfinite(value))
+            require(number, f"{name} is {value!r}; give a number, or leave it out")
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What of it is asked for, and of what camera, in plain values."""
+        camera = asdict(self.camera) if isinstance(self.camera, Camera) else self.camera and str(self.camera)
+        names = ("focal_px", "fov_deg", "start", "end")
+        return {"camera": camera, **{name: getattr(self, name) for name in names}}
+
     def frames(self) -> Iterator[Frame]:
         """Its frames, decoded from the beginning; see `select`."""
         return select(self.video, self.start, self.end)
@@ -73,21 +90,32 @@ class Footage:
         require(
             len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view"
         )
-        if isinstance(self.camera, Camera):
-            return self.camera
-        if self.camera is not None:
-            return read_camera(Path(self.camera))
         if self.focal_px is not None:
-            return Camera.centred(self.focal_px, frame.width, frame.height)
-        fov_deg = DEFAULT_FOV_DEG if self.fov_deg is None else self.fov_deg
-        return Camera.from_fov(frame.width, frame.height, fov_deg)
+            camera = Camera.centred(self.focal_px, frame.width, frame.height)
+        elif self.camera is None:
+            fov_deg = DEFAULT_FOV_DEG if self.fov_deg is None else self.fov_deg
+            camera = Camera.from_fov(frame.width, frame.height, fov_deg)
+        else:
+            camera = self.camera if isinstance(self.camera, Camera) else read_camera(self.camera)
+        widest = 0.5 * frame.width / math.tan(math.radians(_WIDEST_DEG) / 2)
+        require(
+            camera.focal_px >= widest,
+            f"a focal length of {camera.focal_px:g} pixels sees more than {_WIDEST_DEG:g} degrees of a width of "
+            f"{frame.width}; mien tracks what a lens without distortion shows",
+        )
+        if not (0 <= camera.cx <= frame.width and 0 <= camera.cy <= frame.height):
+            warn(
+                f"the optical axis of the camera, at {camera.cx:g}, {camera.cy:g}, lies outside the image of "
+                f"{frame.width}x{frame.height} pixels; for a video that was scaled, scale focal_px, cx and cy alike"
+            )
+        return camera
 
 
 @dataclass(frozen=True)
 class Start:
     """All that tracking begins with. first: the frame that the landmarks belong to; frames: all that have a row, the
     first among them; since: seconds, from where on the frames before it are tracked, backwards; told: index of the
-    first frame that progress has not heard of, when a face was looked for."""
+    first frame that progress has not heard of, when a face was looked for; at_once, face: as asked of `prepare`."""
 
     footage: Footage
     first: Frame
@@ -96,6 +124,8 @@ class Start:
     camera: Camera
     since: float
     told: int = 0
+    at_once: bool = False
+    face: Point | None = None
 
 
 def prepare(
@@ -108,6 +138,10 @@ def prepare(
     """Find the face: where landmarks are given, in their frame; else in the first frame that shows one, and `tell`
     hears of those before it, or, unless `at_once`, in a later one from which it is better learned. Of several faces the
     largest, or the one at the point `face`. Raises MienError for bad input."""
+    point = face is None or (np.shape(face) == (2,) and bool(np.isfinite(face).all()))
+    require(point, f"face is {face!r}; give a point of the image, two numbers of pixels")
+    known = landmarks is None or isinstance(landmarks, (Landmarks, str, Path))
+    require(known, f"landmarks are {type(landmarks)}; give mien.Landmarks or the name of their file")
     source, frames = footage.video, footage.frames()
     earliest = next(frames)
     camera = footage.camera_of(earliest)
@@ -133,7 +167,7 @@ def prepare(
     later = again and first is not earliest
     frames = footage.frames() if later else chain([first], frames)
     since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
-    return Start(footage, first, frames, _as_written(landmarks), camera, since, told)
+    return Start(footage, first, frames, _as_written(landmarks), camera, since, told, at_once, face)
 
 
 def not_yet(frame: Frame) -> Estimate:
@@ -256,8 +290,10 @@ def find_face(
     return first, replace(faces[0], source=f"{name}, detected face")
 
 
-def read_camera(path: Path) -> Camera:
+def read_camera(path: str | Path) -> Camera:
     """The camera in a JSON {"focal_px": .., "cx": .., "cy": ..}, or in NAME.json of an earlier track."""
+    require(isinstance(path, (str, Path)), f"the camera is {type(path)}; give mien.Camera or the name of a JSON file")
+    path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         values = values.get("camera", values)

@@ -1,14 +1,15 @@
 """Where frames come from: a file, a folder of images, a camera.
 
 Times are the container's own time stamps in seconds, also where the frame rate varies. Everything becomes
-RGB with 8 bits, upright as the container's rotation says. A frame whose size differs from the first one's is
-scaled into it without distortion, with black borders and a warning. Frames are decoded one at a time.
+RGB with 8 bits, upright as the container's rotation says, and its pixels square. A frame whose size differs from the
+first one's is scaled into it without distortion, with black borders and a warning. Frames are decoded one at a time.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,12 +24,17 @@ from mien.errors import MienError, require, warn
 from mien.frame import Decoded, Frame, Pixels
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
-VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
+VIDEO_SUFFIXES = (
+    ".3gp", ".asf", ".avi", ".dv", ".flv", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf",
+    ".ogv", ".ts", ".vob", ".webm", ".wmv",
+)  # fmt: skip
 """What is a video where a folder is searched for them; a file that is named may have any ending."""
 FOLDER_FPS = 25.0
 """Frames per second of a folder of images, which carries no time."""
 HELD_BYTES = 1 << 29
 """How much of a video is held in memory to play it backwards."""
+_NARROWEST = 4.0
+"""Proportion of a pixel's sides beyond which a header that states it is wrong."""
 
 
 class Video(Protocol):
@@ -54,6 +60,8 @@ def open_video(source: str | Path | int) -> Video:
 
     Raises MienError where there is no such file or it is not a video.
     """
+    require(isinstance(source, (str, Path, int)), f"a video is a file, a folder or a number, not {type(source)}")
+    require(str(source) != "", "the name of the video is empty; give a file, a folder of images or a camera's number")
     path = Path(str(source))
     if isinstance(source, int) or (str(source).isdecimal() and not path.exists()):
         return CameraDevice(int(str(source)))
@@ -68,18 +76,19 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
     interval is empty or holds no frame.
     """
     require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
-    last, found = 0.0, False
+    last, found, ended = 0.0, False, False
     for frame in video:
         last = frame.time
-        if end is not None and frame.time >= end:
+        ended = end is not None and last >= end
+        if ended:
             break
-        if start is None or frame.time >= start:
+        if start is None or last >= start:
             found = True
             yield frame
-    require(
-        found,
-        f"{video.name} has no frame from {start or 0:g} s to {end or last:g} s; its last is at {last:g} s",
-    )
+    after = "" if start is None else f" from {start:g} s" + (" on" if end is None else "")
+    before = "" if end is None else f" before {end:g} s"
+    there = "the next" if ended else "its last"
+    require(found, f"{video.name} has no frame{after}{before}; {there} is at {last:g} s")
 
 
 def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
@@ -140,7 +149,7 @@ def expected_count(video: Video, start: float | None = None, end: float | None =
 class VideoFile:
     """A file that FFmpeg reads: what its header states of it, 0 where it states nothing.
 
-    begin, duration: seconds; declared: number of frames.
+    begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height.
     """
 
     path: Path
@@ -148,6 +157,7 @@ class VideoFile:
     begin: float
     duration: float
     declared: int
+    aspect: float = 1.0
 
     @property
     def name(self) -> str:
@@ -168,7 +178,7 @@ class VideoFile:
             if image is None or image.time is None or image.time > until:
                 return
             if image.time >= begin:
-                yield Frame(Decoded(image, converter), time=float(image.time))
+                yield Frame(Decoded(image, converter, self.aspect), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
         converter = _converter()
@@ -179,7 +189,7 @@ class VideoFile:
                 continue
             time = until if image.time is None else float(image.time)
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
-            yield Frame(Decoded(image, converter), count, time)
+            yield Frame(Decoded(image, converter, self.aspect), count, time)
             count += 1
         require(
             count > 0,
@@ -199,7 +209,7 @@ class VideoFile:
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """Images of a folder in the order of their names, `FOLDER_FPS` a second."""
+    """Images of a folder in the order of their names and of the numbers in these, `FOLDER_FPS` a second."""
 
     path: Path
     images: tuple[Path, ...]
@@ -268,13 +278,24 @@ def _open_file(path: Path) -> VideoFile:
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens it where the file is cut
             length = stream.frames / fps
-        return VideoFile(path, fps, float(begin), float(length), int(stream.frames))
+        if "matroska" in container.format.name:  # there it is when the last frame ends
+            length = max(length - begin, 0)
+        aspect = float(stream.sample_aspect_ratio or 1)
+        aspect = aspect if 1 / _NARROWEST <= aspect <= _NARROWEST else 1.0
+        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect)
 
 
 def _open_folder(path: Path) -> ImageFolder:
-    images = sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    found = (p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    images = sorted(found, key=_by_number)
     require(bool(images), f"{path} holds no image; mien reads {', '.join(IMAGE_SUFFIXES)}")
     return ImageFolder(path, tuple(images))
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    """What sorts names with numbers in them as people count: frame2 before frame10."""
+    parts = re.split(r"([0-9]+)", path.name)  # text and numbers by turns
+    return [(int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)] + [(0, path.name)]
 
 
 def _container(path: Path) -> Any:

@@ -8,7 +8,7 @@ import pytest
 from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING, Array, exp
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, SCHEMES, Landmarks
 
 COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}
@@ -85,6 +85,18 @@ def test_what_lies_in_the_image_is_accepted() -> None:
 def test_points_outside_the_image_are_refused(corner: tuple[float, float]) -> None:
     with pytest.raises(MienError, match=r"face\.json: landmarks lie outside the image of 320x240"):
         _spread(corner=corner).check(320, 240)
+
+
+def test_mirrored_landmarks_are_refused() -> None:
+    model: Array = Candide.default().mean[list(LANDMARK_VERTICES.values())]
+    for pan in np.radians([-80, -40, 0, 40, 80]):
+        turned = model @ (FACING @ exp(np.array([0, pan, 0]))).T + [0, 0, 5]
+        points, _ = Camera(280, 160, 120).project(turned)
+        Landmarks(points, "candide26").check(320, 240)
+    points, _ = Camera(280, 160, 120).project(model @ FACING.T + [0, 0, 5])
+    for wrong in (points * [-1, 1] + [320, 0], points * [1, -1] + [0, 240]):
+        with pytest.raises(MienError, match=r"face\.json: the landmarks are mirrored"):
+            Landmarks(wrong, "candide26", source="face.json").check(320, 240)
 
 
 def test_small_faces_are_refused() -> None:

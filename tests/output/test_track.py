@@ -106,7 +106,7 @@ def test_the_estimates_come_back_from_the_table(track: Track) -> None:
 def test_what_is_not_estimated_has_no_column() -> None:
     bare = replace(estimate(0), animation=None, covariance=None, landmarks=None, closing=None)
     names = Track.from_estimates([bare]).table.column_names
-    assert names[-4:] == ["pose_Rx", "pose_Ry", "pose_Rz", "status"]
+    assert names[-5:] == ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason"]
 
 
 def test_columns_by_property(track: Track) -> None:
@@ -244,7 +244,9 @@ def test_a_folder_that_is_missing_is_named(track: Track, tmp_path: Path) -> None
         track.save(tmp_path / "nowhere" / "out.csv")
 
 
-@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "frame,timestamp,status\n0,zero,tracked\n"])
+@pytest.mark.parametrize(
+    "text", ["", "a,b\n1,2\n", "frame,timestamp,status\n0,0,tracked\n", "frame,timestamp,status\n0,zero,tracked\n"]
+)
 def test_read_refuses_what_is_no_track(text: str, tmp_path: Path) -> None:
     (tmp_path / "out.csv").write_text(text)
     with pytest.raises(MienError, match=r"out\.csv"):
@@ -258,3 +260,15 @@ def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Pa
     assert json.loads((tmp_path / "out.json").read_text()) == {"version": "1"}
     with pytest.raises(MienError, match=r"read the \.csv"):
         Track.read(tmp_path / "out.json")
+    (tmp_path / "out.csv").rename(tmp_path / "OUT.CSV")
+    assert len(Track.read(tmp_path / "OUT.CSV")) == len(track)
+    (tmp_path / "OUT.json").write_text("{")
+    with pytest.raises(MienError, match=r"OUT\.json is not a track"):
+        Track.read(tmp_path / "OUT.CSV")
+
+
+def test_a_plot_has_the_ending_of_a_picture(track: Track, tmp_path: Path) -> None:
+    for name in ("angles", "angles.abc"):
+        with pytest.raises(MienError, match=rf"{name}: mien writes \.png"):
+            track.plot(tmp_path / name)
+    assert not list(tmp_path.iterdir())

@@ -108,6 +108,9 @@ def rows_told(scheme: str) -> dict[str, NDArray[np.intp]]:
 
 
 MINIMUM_FACE_PX = 40.0
+_TRIANGLE = ("right_eye_outer_corner", "left_eye_outer_corner", "lower_lip_outer")
+_LEAST_MIRRORED = 0.3
+"""Width of the eyes over their height above the mouth beyond which this is no profile that is marked a little wrong."""
 
 
 @dataclass(frozen=True)
@@ -154,12 +157,23 @@ class Landmarks:
             f"{self.source}: landmarks lie outside the image of {width}x{height} pixels; "
             "check that they belong to this video",
         )
+        require(
+            not self._mirrored(),
+            f"{self.source}: the landmarks are mirrored; right is the person's own right, mostly on the image's left",
+        )
         size = float(np.ptp(self.points, axis=0).max())
         require(
             size >= MINIMUM_FACE_PX,
             f"{self.source}: the face measures {size:.0f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
             "enlarge or crop the video",
         )
+
+    def _mirrored(self) -> bool:
+        """Whether the way from the right eye to the left and from the eyes to the mouth turns as on no face."""
+        rows = rows_by_name(self.scheme)
+        right, left, mouth = (self.points[rows[name]].mean(axis=0) for name in _TRIANGLE)
+        (ax, ay), (bx, by) = left - right, mouth - 0.5 * (left + right)
+        return bool(ax * by - ay * bx < -_LEAST_MIRRORED * (bx * bx + by * by))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -99,9 +99,7 @@ def table_of(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
     }
     columns |= _columns(_POSE, estimates)
     columns["status"] = pa.array([e.status.value for e in estimates])
-    reasons = [e.reason.translate(_UNQUOTED) or None for e in estimates]
-    if any(reasons):
-        columns["reason"] = pa.array(reasons, pa.string())
+    columns["reason"] = pa.array([e.reason.translate(_UNQUOTED) or None for e in estimates], pa.string())
     return pa.table(columns | _columns(_REST, estimates))
 
 
@@ -149,10 +147,9 @@ def lost_rows(table: pa.Table, reason: pa.Array) -> pa.Table:
     kept = reason.is_null()
     fixed = {"confidence": 0.0, "success": 0, "status": Status.LOST.value}
     columns = {name: table.column(name) for name in table.column_names}
-    before = columns.get("reason", pa.nulls(len(reason), pa.string()))
     for name in columns.keys() - set(_OF_THE_FRAME):
         columns[name] = compute.if_else(kept, columns[name], pa.scalar(fixed.get(name), columns[name].type))
-    columns["reason"] = compute.if_else(kept, before, reason)
+    columns["reason"] = compute.if_else(kept, table.column("reason"), reason)
     return pa.table({name: columns[name] for name in in_order(list(columns))})
 
 

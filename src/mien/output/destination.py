@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mien.errors import require
-from mien.files import require_writable
-from mien.output.track import Track, track_paths
+from mien.errors import require, warn
+from mien.files import require_ending, require_writable
+from mien.output.track import PLOT_ENDINGS, Track, track_paths
 
-PLOT_ENDINGS = (".png", ".pdf", ".svg")
 OVERLAY_ENDINGS = (".mp4",)
 
 
@@ -33,7 +32,8 @@ class Destination:
         """Make missing folders and see that every file can be written, has an ending that is known, and takes
         the place of no input (the paths among `inputs`) and of no other. Raises MienError otherwise."""
         table = None if save is None else track_paths(save)[0]
-        self = cls(table, _path(overlay, OVERLAY_ENDINGS), _path(plot, PLOT_ENDINGS))
+        pictures = ((overlay, OVERLAY_ENDINGS), (plot, PLOT_ENDINGS))
+        self = cls(table, *(None if path is None else require_ending(Path(path), of) for path, of in pictures))
         self.check(inputs)
         return self
 
@@ -62,19 +62,15 @@ class Destination:
         tables = [] if self.table is None else list(track_paths(self.table))
         return tables + [p for p in (self.overlay, self.plot) if p is not None]
 
+    def warn_of_more(self, faces: int) -> None:
+        """Say so where there is a further face of an earlier run than so many."""
+        further = self.of_face(faces).table
+        if further is not None and further.exists():
+            warn(f"{further} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
+
     def write(self, track: Track) -> None:
         """Write the table and the plot; the overlay is written on the way."""
         if self.table is not None:
             track.save(self.table)
         if self.plot is not None:
             track.plot(self.plot)
-
-
-def _path(path: str | Path | None, endings: tuple[str, ...]) -> Path | None:
-    if path is None:
-        return None
-    require(
-        Path(path).suffix.lower() in endings,
-        f"{path}: mien writes {' or '.join(endings)} here; choose a name with that ending",
-    )
-    return Path(path)

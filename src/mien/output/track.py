@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError, require
-from mien.files import json_text, named_errors, whole_file
+from mien.files import json_text, named_errors, require_ending, whole_file
 from mien.geometry.rotation import Array
 from mien.output.columns import (
     ANIMATION_SD,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ENDINGS = (".csv", ".json", ".parquet")
+PLOT_ENDINGS = (".png", ".pdf", ".svg")
 BATCH = 256
 """Estimates that are held in memory before they go to the recorder's file."""
 
@@ -183,25 +184,28 @@ class Track:
         Raises MienError naming the file if it is missing or no track.
         """
         path = Path(path)
-        path = path if path.suffix in ENDINGS else track_paths(path)[0]
+        ending = path.suffix.lower()
+        path = path if ending in ENDINGS else track_paths(path)[0]
         require(path.is_file(), f"{path}: no such file; check the name")
-        require(path.suffix != ".json", f"{path} holds the settings; read the .csv or .parquet beside it")
+        require(ending != ".json", f"{path} holds the settings; read the .csv or .parquet beside it")
+        reading, beside = path, path.with_suffix(".json")
         try:
-            table = _read_csv(path) if path.suffix == ".csv" else _read_parquet(path)
-            beside = path.with_suffix(".json")
+            table = _read_parquet(path) if ending == ".parquet" else _read_csv(path)
+            reading = beside
             metadata = json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
         except (pa.ArrowInvalid, ValueError) as error:
-            raise MienError(f"{path} is not a track of mien ({error}); track the video again") from error
-        missing = {"frame", "timestamp", "status"} - set(table.column_names)
+            raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
+        missing = {"frame", "timestamp", "confidence", "success", "status"} - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
         return cls(table, metadata)
 
     def plot(self, path: str | Path) -> Path:
-        """Draw angles and animation units over time to a picture."""
+        """Draw angles and animation units over time to a picture, by its ending a PNG, PDF or SVG."""
         from mien.output.plots import plot_track
 
-        plot_track(self, Path(path))
-        return Path(path)
+        picture = require_ending(Path(path), PLOT_ENDINGS)
+        plot_track(self, picture)
+        return picture
 
     def _numbers(self, name: str) -> Array:
         column = self.table.column(name).combine_chunks()
