@@ -30,7 +30,7 @@ LAYERS = (
     ("baselines",),
     ("demo",),
     ("cli",),
-    ("__main__",),
+    ("worker", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 ROOT = Path(mien.__file__).parent

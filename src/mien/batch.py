@@ -19,7 +19,7 @@ from mien.files import require_writable, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track, track_paths
 from mien.pipeline import DEFAULT_PRESET
-from mien.processes import Command, Ended, Progress, run_commands
+from mien.processes import Call, Command, Ended, Progress, can_fork, run_commands
 from mien.registry import create_tracker, file_of
 from mien.video import VIDEO_SUFFIXES
 
@@ -92,12 +92,14 @@ def track_all(
     wish: Wish | None = None,
     jobs: int | None = None,
     progress: Progress = lambda done, total, name: None,
+    forked: bool = False,
 ) -> list[Row]:
     """Track every video among paths and below the folders among them; their tables go to `out`, in folders as the
     videos', with a summary, which is written as well when the run is stopped.
 
-    jobs: how many at a time, one for each processor unless given. Raises MienError where there is nothing to track, or
-    the tables cannot be written; a video that cannot be tracked is a row.
+    jobs: how many at a time, one for each processor unless given; forked: whether processes may be forked, which begin
+    sooner, but import the main module again. Raises MienError where there is nothing to track, or the tables cannot be
+    written; a video that cannot be tracked is a row.
     """
     wish = wish or Wish()
     create_tracker(wish.preset)  # an unknown one is told now, and not of every video
@@ -112,7 +114,7 @@ def track_all(
             rows[k] = replace(rows[k], note="")
         else:
             rows[k] = kept
-    commands = [_command(rows[k], wish) for k in waiting]
+    commands = [_command(rows[k], wish, forked and can_fork()) for k in waiting]
     started: list[str] = []
     try:
         progress(len(rows) - len(waiting), len(rows), "")
@@ -176,10 +178,12 @@ def _pictures(table: Path) -> tuple[Path, Path]:
     return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
 
 
-def _command(row: Row, wish: Wish) -> Command:
+def _command(row: Row, wish: Wish, forked: bool) -> Command | Call:
     overlay, plot = _pictures(row.table)
     pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
     arguments = ("track", "-o", str(row.table), *pictures, *wish.arguments, "--quiet", "--", str(row.video))
+    if forked:
+        return Call(row.video.name, "mien.worker:run", arguments)
     return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
 
 

@@ -203,7 +203,7 @@ def batch(
 
     wish = Wish(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
     with progress_bar("looking for videos", quiet) as progress:
-        rows = track_all(paths, out, wish, jobs, progress)
+        rows = track_all(paths, out, wish, jobs, progress, forked=True)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}
     if not quiet:
         kept = f", {count[KEPT]} were before" if count[KEPT] else ""

@@ -15,6 +15,7 @@ from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
+from mien.output import columns
 from mien.output.columns import ROTATION
 from mien.output.track import BATCH, Recorder, Track, track_paths
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
@@ -213,6 +214,16 @@ def test_recorder_can_give_what_there_is_and_go_on() -> None:
 def test_nothing_tracked_is_an_error() -> None:
     with pytest.raises(MienError, match="no frame was tracked"):
         Track.from_estimates([])
+
+
+def test_an_interruption_while_pandas_is_imported_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(columns, "import_module", interrupted)
+    columns.import_pandas.cache_clear()
+    with pytest.raises(KeyboardInterrupt):
+        Track.from_estimates([estimate(0)])
 
 
 def test_files_appear_all_or_none(track: Track, tmp_path: Path) -> None:

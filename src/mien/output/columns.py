@@ -6,7 +6,10 @@ Lengths are millimetres, angles radians, image points pixels, all in camera axes
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -88,8 +91,17 @@ _REST = (
 )
 
 
+@cache
+def import_pandas() -> None:
+    """Import pandas where it is installed: Arrow does when it first makes or gives an array, and an interruption that
+    comes meanwhile is lost there."""
+    with suppress(ImportError):
+        import_module("pandas")
+
+
 def table_of(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
     """One row an estimate of a face. A group that no estimate has gives no column; a lost face has null cells."""
+    import_pandas()
     columns: dict[str, pa.Array] = {
         "frame": pa.array([e.index for e in estimates], pa.int64()),
         "face_id": pa.array([face_id] * len(estimates), pa.int64()),

@@ -27,6 +27,7 @@ from mien.output.columns import (
     TRANSLATION,
     cell_type,
     estimate_of,
+    import_pandas,
     in_order,
     lost_rows,
     table_of,
@@ -188,6 +189,7 @@ class Track:
         path = path if ending in ENDINGS else track_paths(path)[0]
         require(path.is_file(), f"{path}: no such file; check the name")
         require(ending != ".json", f"{path} holds the settings; read the .csv or .parquet beside it")
+        import_pandas()
         reading, beside = path, path.with_suffix(".json")
         try:
             table = _read_parquet(path) if ending == ".parquet" else _read_csv(path)

@@ -69,6 +69,13 @@ def compile_beside() -> None:
         _compile(kernel)
 
 
+def read_kept() -> None:
+    """Read from disk what was compiled before; nothing where there is nothing."""
+    if _is_kept():
+        for kernel in (DESCRIBE, POLYNOMIAL, SOLVE, RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE):
+            _compile(kernel)
+
+
 class CompiledBeside:
     """`kernels.solve`, compiled in another process from now on, unless it is on disk already or there is one processor
     alone. That process ends with this object, or with this process."""

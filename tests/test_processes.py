@@ -1,0 +1,57 @@
+"""Calls in forked processes; commands have their test beside those that run them."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from mien.processes import Call, Ended, can_fork, run_commands
+
+pytestmark = pytest.mark.skipif(not can_fork(), reason="forked processes are for Linux")
+
+
+def _python(code: str) -> Call:
+    return Call(code, "builtins:exec", (code,))
+
+
+def _run(*codes: str, time_limit: float = 60.0) -> list[Ended]:
+    return sorted(run_commands([_python(code) for code in codes], 2, time_limit), key=lambda ended: ended.place)
+
+
+def test_what_becomes_of_a_call() -> None:
+    ended = _run(
+        "pass",
+        "print('mien: turned'); import sys; print('reason: too late', file=sys.stderr); sys.exit(2)",
+        "raise SystemExit(3)",
+        "raise ValueError('alas')",
+        "import os; os.abort()",
+    )
+    reasons = [one.reason for one in ended]
+    assert reasons[:3] == ["", "too late", "the process ended with status 3"]
+    assert reasons[3] == "ValueError: alas"
+    assert reasons[4] == "the process crashed (SIGABRT)"
+    assert ended[1].said == ("mien: turned", "reason: too late")
+
+
+def test_each_call_has_a_process_and_a_session_of_its_own() -> None:
+    ended = _run(*["import os; print(os.getpid(), os.getsid(0), os.getppid())"] * 2)
+    first, second = (tuple(map(int, one.said[0].split())) for one in ended)
+    assert first[0] == first[1] != second[0] == second[1]
+    assert first[2] == second[2] != os.getpid()
+
+
+def test_a_call_that_does_not_end_is_stopped(tmp_path: Path) -> None:
+    slow = "import os, pathlib, time; pathlib.Path({!r}).write_text(str(os.getpid())); time.sleep(600)"
+    one, other = (tmp_path / name for name in ("one", "other"))
+    assert _run(slow.format(str(one)), time_limit=0.5)[0].reason == "no end within 0.5 s; stopped"
+    running = run_commands([_python(slow.format(str(other))), _python("pass")], 2)
+    next(running)
+    while not (other.exists() and other.read_text()):
+        time.sleep(0.01)
+    running.close()
+    for file in (one, other):
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(file.read_text()), 0)
