@@ -61,7 +61,7 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
     Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
 
-    def command(row: Row, wish: Wish, forked: bool) -> Command:
+    def command(row: Row, wish: Wish) -> Command:
         source, target = str(tmp_path / "done"), str(row.table.with_suffix(""))
         row.table.parent.mkdir(parents=True, exist_ok=True)  # as the real one does
         program = said.get(row.video.name, COPY)

@@ -1,4 +1,4 @@
-"""Calls in forked processes; commands have their test beside those that run them."""
+"""Calls in processes of their own, forked ones and new ones; commands have their test beside those that run them."""
 
 from __future__ import annotations
 
@@ -8,26 +8,28 @@ from pathlib import Path
 
 import pytest
 
+from mien import processes
 from mien.processes import Call, Ended, can_fork, run_commands
-
-pytestmark = pytest.mark.skipif(not can_fork(), reason="forked processes are for Linux")
 
 
 def _python(code: str) -> Call:
     return Call(code, "builtins:exec", (code,))
 
 
-def _run(*codes: str, time_limit: float = 60.0) -> list[Ended]:
-    return sorted(run_commands([_python(code) for code in codes], 2, time_limit), key=lambda ended: ended.place)
+def _run(*codes: str, forked: bool, time_limit: float = 60.0) -> list[Ended]:
+    ended = run_commands([_python(code) for code in codes], 2, time_limit, forked=forked)
+    return sorted(ended, key=lambda one: one.place)
 
 
-def test_what_becomes_of_a_call() -> None:
+@pytest.mark.parametrize("forked", [False, True])
+def test_what_becomes_of_a_call(forked: bool) -> None:
     ended = _run(
         "pass",
         "print('mien: turned'); import sys; print('reason: too late', file=sys.stderr); sys.exit(2)",
         "raise SystemExit(3)",
         "raise ValueError('alas')",
         "import os; os.abort()",
+        forked=forked,
     )
     reasons = [one.reason for one in ended]
     assert reasons[:3] == ["", "too late", "the process ended with status 3"]
@@ -36,18 +38,29 @@ def test_what_becomes_of_a_call() -> None:
     assert ended[1].said == ("mien: turned", "reason: too late")
 
 
-def test_each_call_has_a_process_and_a_session_of_its_own() -> None:
-    ended = _run(*["import os; print(os.getpid(), os.getsid(0), os.getppid())"] * 2)
+@pytest.mark.parametrize("forked", [False, True])
+def test_each_call_has_a_process_and_a_session_of_its_own(forked: bool) -> None:
+    ended = _run(*["import os; print(os.getpid(), os.getsid(0), os.getppid())"] * 2, forked=forked)
     first, second = (tuple(map(int, one.said[0].split())) for one in ended)
     assert first[0] == first[1] != second[0] == second[1]
-    assert first[2] == second[2] != os.getpid()
+    assert first[2] == second[2]
+    assert (first[2] == os.getpid()) != (forked and can_fork())
 
 
-def test_a_call_that_does_not_end_is_stopped(tmp_path: Path) -> None:
+def test_where_none_can_be_forked_a_new_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(call: Call, output: str) -> None:
+        raise OSError("AF_UNIX path too long")
+
+    monkeypatch.setattr(processes, "_Forked", refused)
+    assert _run("print('here')", forked=True)[0].said == ("here",)
+
+
+@pytest.mark.parametrize("forked", [False, True])
+def test_a_call_that_does_not_end_is_stopped(forked: bool, tmp_path: Path) -> None:
     slow = "import os, pathlib, time; pathlib.Path({!r}).write_text(str(os.getpid())); time.sleep(600)"
     one, other = (tmp_path / name for name in ("one", "other"))
-    assert _run(slow.format(str(one)), time_limit=0.5)[0].reason == "no end within 0.5 s; stopped"
-    running = run_commands([_python(slow.format(str(other))), _python("pass")], 2)
+    assert _run(slow.format(str(one)), time_limit=1.5, forked=forked)[0].reason == "no end within 1.5 s; stopped"
+    running = run_commands([_python(slow.format(str(other))), _python("pass")], 2, forked=forked)
     next(running)
     while not (other.exists() and other.read_text()):
         time.sleep(0.01)

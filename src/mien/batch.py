@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import os
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -19,7 +18,7 @@ from mien.files import require_writable, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track, track_paths
 from mien.pipeline import DEFAULT_PRESET
-from mien.processes import Call, Command, Ended, Progress, can_fork, run_commands
+from mien.processes import Call, Command, Ended, Progress, run_commands
 from mien.registry import create_tracker, file_of
 from mien.video import VIDEO_SUFFIXES
 
@@ -114,11 +113,11 @@ def track_all(
             rows[k] = replace(rows[k], note="")
         else:
             rows[k] = kept
-    commands = [_command(rows[k], wish, forked and can_fork()) for k in waiting]
+    commands = [_command(rows[k], wish) for k in waiting]
     started: list[str] = []
     try:
         progress(len(rows) - len(waiting), len(rows), "")
-        for ended in run_commands(commands, jobs or _processors(), started=started.append):
+        for ended in run_commands(commands, jobs or _processors(), started=started.append, forked=forked):
             k = waiting[ended.place]
             rows[k] = _outcome(rows[k], ended)
             progress(sum(row.state != NOT_YET for row in rows), len(rows), started[-1])
@@ -178,13 +177,11 @@ def _pictures(table: Path) -> tuple[Path, Path]:
     return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
 
 
-def _command(row: Row, wish: Wish, forked: bool) -> Command | Call:
+def _command(row: Row, wish: Wish) -> Command | Call:
     overlay, plot = _pictures(row.table)
     pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
     arguments = ("track", "-o", str(row.table), *pictures, *wish.arguments, "--quiet", "--", str(row.video))
-    if forked:
-        return Call(row.video.name, "mien.worker:run", arguments)
-    return Command(row.video.name, (sys.executable, "-m", "mien", *arguments))
+    return Call(row.video.name, "mien.worker:run", arguments)
 
 
 def _kept(row: Row, wish: Wish) -> Row | None:

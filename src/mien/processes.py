@@ -42,12 +42,18 @@ class Command:
 
 @dataclass(frozen=True)
 class Call:
-    """A function, `module:name`, called with arguments in a process that is forked from one which has imported its
-    module, and which imports this one's main module again; and what to call it."""
+    """A function, `module:name`, that is called with arguments in a process of its own, and what to call that."""
 
     name: str
     function: str
     arguments: Sequence[str]
+
+    @property
+    def command(self) -> Command:
+        """The same in a new process."""
+        module, _, function = self.function.partition(":")
+        code = f"import sys; from {module} import {function}; {function}(*sys.argv[1:])"
+        return Command(self.name, (sys.executable, "-c", code, *self.arguments))
 
 
 def can_fork() -> bool:
@@ -70,11 +76,14 @@ def run_commands(
     jobs: int,
     time_limit: float = inf,
     started: Callable[[str], None] = lambda name: None,
+    forked: bool = False,
 ) -> Iterator[Ended]:
     """Run commands, `jobs` at a time, and yield each when it has ended.
 
-    time_limit: seconds that each may take. The reason is the last line that the process printed, the signal
-    that ended it, or the time limit. Processes that still run when the iteration is given up are asked to end.
+    time_limit: seconds that each may take; forked: whether processes of calls may be forked, where there can be such,
+    from one that has imported their module; they import this one's main module again. The reason is the last line that
+    the process printed, the signal that ended it, or the time limit. Processes that still run when the iteration is
+    given up are asked to end.
     """
     require(jobs >= 1, f"the number of jobs must be at least 1, not {jobs}")
     require(time_limit > 0, f"the time limit must be positive, not {time_limit:g} seconds")
@@ -84,7 +93,7 @@ def run_commands(
         while waiting or running:
             while waiting and len(running) < jobs:
                 place, command = waiting.popleft()
-                running[place] = _Process(command)
+                running[place] = _Process(command, forked and can_fork())
                 started(command.name)
             reasons = {place: reason for place, p in running.items() if (reason := p.reason(time_limit)) is not None}
             ended = [Ended(place, reason, running[place].said()) for place, reason in reasons.items()]
@@ -162,21 +171,24 @@ def _called(function: str, arguments: Sequence[str], output: str) -> None:
 class _Process:
     """A process whose output goes to a file."""
 
-    def __init__(self, command: Command | Call) -> None:
+    def __init__(self, command: Command | Call, forked: bool) -> None:
         self._output = tempfile.NamedTemporaryFile()  # noqa: SIM115
         self._start = time.monotonic()
         self._process: subprocess.Popen[bytes] | _Forked
         if isinstance(command, Call):
-            self._process = _Forked(command, self._output.name)
-        else:
-            self._process = subprocess.Popen(
-                list(command.arguments),
-                stdin=subprocess.DEVNULL,
-                stdout=self._output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **command.environment},
-                start_new_session=True,
-            )
+            if forked:
+                with suppress(OSError):  # where the name of the folder for its socket is too long
+                    self._process = _Forked(command, self._output.name)
+                    return
+            command = command.command
+        self._process = subprocess.Popen(
+            list(command.arguments),
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **command.environment},
+            start_new_session=True,
+        )
 
     def reason(self, time_limit: float) -> str | None:
         """None while it runs, "" when it has succeeded, else why it failed."""
