@@ -108,9 +108,10 @@ def offset_of(head: Head, found: Array) -> tuple[Array, Array]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path)
+    sequences = load_dataset("rendered", parser.parse_args().path)
     offsets, weights = [], []
     print("| sequence | x | y |", "|---|---|---|", sep="\n")
-    for sequence in load_dataset("rendered", parser.parse_args().path):
+    for sequence in sequences:
         if sequence.kind in KINDS:
             run = prepare(sequence)
             head = Head(run)

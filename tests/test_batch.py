@@ -57,7 +57,7 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
         Estimate(k, 0.5 * k, status, *((None, None) if status is Status.LOST else (R, t)), confidence=sure)
         for k, (status, sure) in enumerate(states)
     ]
-    metadata = {"complete": True, "preset": "realtime", "passes": 1, "asked": {**ASKED}}
+    metadata = {"complete": True, "preset": "realtime", "passes": 1, "asked": ASKED, "video": {"bytes": 0}}
     Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
 
@@ -97,6 +97,15 @@ def test_videos_that_differ_by_their_ending_have_tables_of_their_own(videos: Pat
     (videos / "a.mkv").write_bytes(b"")
     found = find_videos([videos], tmp_path / "out")
     assert [table.name for _, table in found] == ["a.mkv.csv", "a.mp4.csv", "b.csv", "c.csv"]
+
+
+def test_no_table_takes_the_place_of_another(tmp_path: Path) -> None:
+    for name in ("pair.mp4", "pair.face1.mp4", "alone.face1.mp4", "summary.mp4", "sub/summary.mp4"):
+        (tmp_path / "in" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "in" / name).write_bytes(b"")
+    out = tmp_path / "out"
+    tables = {str(table.relative_to(out)) for _, table in find_videos([tmp_path / "in"], out)}
+    assert tables == {"pair.csv", "pair.face1.mp4.csv", "alone.face1.csv", "summary.mp4.csv", "sub/summary.csv"}
 
 
 def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
@@ -141,6 +150,8 @@ def test_every_face_of_a_video_is_a_row(videos: Path, code: dict[str, str], tmp_
     assert [row["lost"] for row in rows] == ["1", "1"]
     assert _states(track_all([videos / "a.mp4"], out, wish)) == ["kept"]
     assert len(_summary(out)) == 2
+    (out / "a.face1.parquet").unlink()
+    assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]  # of which one face is wanted now
 
 
@@ -169,6 +180,9 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     half.write_text(json.dumps({**json.loads(half.read_text()), "complete": False}))
     (out / "sub" / "c.parquet").unlink()
     assert _states(track_all([videos], out)) == ["tracked"] * 3
+    (videos / "a.mp4").write_bytes(b"another video")
+    os.utime(videos / "a.mp4", (0, 0))
+    assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]
     assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
     camera = tmp_path / "camera.json"
     camera.write_text("{}")

@@ -93,7 +93,15 @@ def test_a_face_that_looks_like_somebody_elses_is_given_up_too(
     assert (len(begun(folder, anew_after=0.18)) > 1) is again
 
 
+def test_a_face_that_is_there_is_not_given_up(folder: Path) -> None:
+    assert begun(folder, anew_after=0.0)[0] == SEEN.start
+    assert begun(folder, anew_after=0.0)[1] > SEEN[-1]
+
+
 def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
+    for wrong in (np.nan, -1.0, "2", None):
+        with pytest.raises(MienError, match="anew_after is"):
+            mien.stream(tmp_path, anew_after=wrong)  # type: ignore[arg-type]
     with pytest.raises(MienError, match="no such file"):
         mien.stream(tmp_path / "missing.mp4")
     with pytest.raises(MienError, match="unknown tracker"):

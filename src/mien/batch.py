@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -16,7 +17,7 @@ import numpy as np
 from mien.errors import MienError, require, warn
 from mien.files import require_writable, whole_file
 from mien.output.destination import Destination
-from mien.output.track import Track, track_paths
+from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Call, Command, Ended, Progress, run_commands
 from mien.registry import create_tracker, file_of
@@ -26,6 +27,7 @@ SUMMARY = "summary.csv"
 TRACKED, KEPT, FAILED, NOT_YET = "tracked", "kept", "failed", "not yet"
 """What became of a video: tracked now, or in an earlier run; not to be tracked; not reached before the run was stopped.
 """
+_FACE = re.compile(r"\.face[0-9]+$")
 _SPOKEN = "mien: "
 """What the command line puts before its warnings and errors."""
 
@@ -61,6 +63,12 @@ class Wish:
         asked = {"camera": self.camera and str(self.camera), **{name: getattr(self, name) for name in names}}
         wanted = {"complete": True, "preset": self.preset, "passes": self.passes, "asked": {**asked, "face": None}}
         return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
+
+    def files_of(self, table: Path, faces: int) -> list[Path]:
+        """Every file that a video with so many faces gets."""
+        overlay, plot = _pictures(table)
+        files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
+        return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
 
     @property
     def files(self) -> list[Path]:
@@ -131,14 +139,19 @@ def track_all(
 
 
 def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
-    """Videos among paths and below the folders among them, and the table of each below `out`. Where two in one folder
-    differ by their ending alone, it is part of the table's name."""
+    """Videos among paths and below the folders among them, and the table of each below `out`. The ending is part of the
+    table's name where two in one folder differ by it alone, and where without it the table would be that of another's
+    further face, or the summary."""
     found = list(dict.fromkeys(pair for path in paths for pair in _videos_of(path, out)))
+    stems = {place.with_suffix("") for _, place in found}
     require(bool(found), f"{', '.join(map(str, paths))}: no video is there; mien looks for {', '.join(VIDEO_SUFFIXES)}")
     alike = Counter(place.with_suffix("") for _, place in found)
     tables: dict[Path, Path] = {}
     for video, place in found:
-        table = out / (f"{place}.csv" if alike[place.with_suffix("")] > 1 else place.with_suffix(".csv"))
+        stem = place.with_suffix("")
+        of_another = _FACE.search(stem.name) and stem.with_name(_FACE.sub("", stem.name)) in stems
+        taken = alike[stem] > 1 or of_another or place.with_suffix(".csv") == Path(SUMMARY)
+        table = out / (f"{place}.csv" if taken else place.with_suffix(".csv"))
         other = tables.setdefault(table, video)
         require(other == video, f"{other} and {video} would have the same table, {table}; track one folder at a time")
     return [(video, table) for table, video in tables.items()]
@@ -166,12 +179,6 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _files(table: Path, wish: Wish) -> list[Path]:
-    """Every file that a video gets."""
-    overlay, plot = _pictures(table)
-    return [*track_paths(table), *[overlay] * wish.overlay, *[plot] * wish.plot]
-
-
 def _pictures(table: Path) -> tuple[Path, Path]:
     """Overlay and plot beside a table."""
     return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
@@ -185,19 +192,23 @@ def _command(row: Row, wish: Wish) -> Command | Call:
 
 
 def _kept(row: Row, wish: Wish) -> Row | None:
-    """The row of a video whose files are all there, whole, no older than it, and from the same tracker with the same
-    settings; else None."""
-    files = _files(row.table, wish)
-    if not all(file.exists() for file in files):
-        return None
-    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.files)):
+    """The row of a video whose files are all there, whole, no older than it, of as large a video, and from the same
+    tracker with the same settings; else None."""
+    if not row.table.exists():
         return None
     try:
         track = Track.read(row.table)
     except MienError:
         return None
     known = track.metadata if isinstance(track.metadata, dict) else {}
-    return _measured(replace(row, state=KEPT), track) if wish.is_met_by(known) else None
+    if not wish.is_met_by(known) or known.get("video", {}).get("bytes") != row.video.stat().st_size:
+        return None
+    files = wish.files_of(row.table, known.get("faces", 1))
+    if not all(file.exists() for file in files):
+        return None
+    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.files)):
+        return None
+    return _measured(replace(row, state=KEPT), track)
 
 
 def _outcome(row: Row, ended: Ended) -> Row:

@@ -53,7 +53,7 @@ def require_writable(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary_beside(path).unlink()
     except OSError as error:
-        raise MienError(f"{path} cannot be written ({_reason(error)}); choose another place with -o") from error
+        raise MienError(f"{path} cannot be written ({_reason(error)}); choose another place") from error
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")
 
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from numbers import Real
 from pathlib import Path
 
+from mien.errors import require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
@@ -41,6 +43,8 @@ def stream(
 
     Raises MienError for bad input, and where no face detector is installed.
     """
+    patient = isinstance(anew_after, Real) and anew_after >= 0
+    require(patient, f"anew_after is {anew_after!r}; give a number of seconds")
     create_tracker(preset)  # what is wrong with the arguments is told now and not when the first frame is asked for
     return _stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, anew_after)
 
@@ -48,11 +52,11 @@ def stream(
 def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[Frame, Estimate]]:
     patience: Patience | None = None
     tracker: Tracker | None = None
-    seen = 0.0
+    seen, doubted = 0.0, False
     for frame in footage.video:
         if patience is None:
             patience = Patience(footage.camera_of(frame))
-        faces = patience(frame) if tracker is None or frame.time - seen > anew_after else []
+        faces = patience(frame) if tracker is None or (doubted and frame.time - seen > anew_after) else []
         if faces:
             tracker = create_tracker(preset)
             estimate = tracker.initialize(frame, faces[0], patience.camera)
@@ -60,6 +64,6 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
             warn_of_a_turned_face(estimate, footage.video.name)
         else:
             estimate = tracker.track(frame) if tracker else not_yet(frame)
-        if estimate.confidence > _DOUBTED:
-            seen = frame.time
+        doubted = estimate.confidence <= _DOUBTED
+        seen = seen if doubted else frame.time
         yield frame, estimate

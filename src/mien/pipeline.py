@@ -319,6 +319,7 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         "video": {
             "name": video.name,
             "sha256": None if video.path is None else checksum(video.path),
+            "bytes": video.path.stat().st_size if video.path is not None and video.path.is_file() else None,
             "width": begin.first.width,
             "height": begin.first.height,
             "fps": video.fps,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING
@@ -59,6 +61,21 @@ def file_of(name: str) -> Path | None:
     """The file, or folder, that a tracker is to read, of its name; None where there is none."""
     known, _, argument = name.partition(":")
     return Path(argument) if argument and known in TRACKERS else None
+
+
+def code_of(name: str) -> Path | None:
+    """The file of a tracker of your own, MODULE:CLASS; None for those of mien."""
+    module, _, cls = name.partition(":")
+    if module in TRACKERS or not cls:
+        return None
+    sys.path.insert(0, "")  # as for `python -m`, which runs it
+    try:
+        found = find_spec(module)
+    except (ImportError, ValueError):
+        return None
+    finally:
+        sys.path.remove("")
+    return Path(found.origin) if found and found.origin and Path(found.origin).is_file() else None
 
 
 def argument_of(name: str) -> Settings | str | None:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import chain, islice, takewhile
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -65,15 +66,15 @@ class Footage:
     def __post_init__(self) -> None:
         for name in ("start", "end", "focal_px", "fov_deg"):
             value = getattr(self, name)
-            number = value is None or (isinstance(value, (int, float)) and math.isfinite(value))
+            number = value is None or (isinstance(value, Real) and math.isfinite(value))
             require(number, f"{name} is {value!r}; give a number, or leave it out")
 
     @property
     def asked(self) -> dict[str, Any]:
         """What of it is asked for, and of what camera, in plain values."""
         camera = asdict(self.camera) if isinstance(self.camera, Camera) else self.camera and str(self.camera)
-        names = ("focal_px", "fov_deg", "start", "end")
-        return {"camera": camera, **{name: getattr(self, name) for name in names}}
+        values = {name: getattr(self, name) for name in ("focal_px", "fov_deg", "start", "end")}
+        return {"camera": camera, **{name: value if value is None else float(value) for name, value in values.items()}}
 
     def frames(self) -> Iterator[Frame]:
         """Its frames, decoded from the beginning; see `select`."""

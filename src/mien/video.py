@@ -285,9 +285,14 @@ def _open_file(path: Path) -> VideoFile:
         return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect)
 
 
+def images_of(folder: Path) -> list[Path]:
+    """The images of a folder in the order of their names and of the numbers in these."""
+    found = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    return sorted(found, key=_by_number)
+
+
 def _open_folder(path: Path) -> ImageFolder:
-    found = (p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    images = sorted(found, key=_by_number)
+    images = images_of(path)
     require(bool(images), f"{path} holds no image; mien reads {', '.join(IMAGE_SUFFIXES)}")
     return ImageFolder(path, tuple(images))
 

@@ -140,6 +140,21 @@ def test_settings_of_a_file_are_a_tracker_of_their_own(tmp_path: Path) -> None:
         replace(plan)
 
 
+def test_a_tracker_of_ones_own_that_has_changed_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder, tracker in ((tmp_path, "Still"), (tmp_path / "changed", "Shifted")):
+        folder.mkdir(exist_ok=True)
+        (folder / "own_tracker.py").write_text(f"from evaluation.tiny import {tracker} as T\n")
+    monkeypatch.chdir(tmp_path)
+    plan = _plan(tmp_path, "own_tracker:T")
+    sequence = load_dataset("rendered", plan.root)[0]
+    before = track_job(plan, plan.trackers[0], sequence)
+    assert track_job(plan, plan.trackers[0], sequence).settings == before.settings
+    monkeypatch.chdir(tmp_path / "changed")
+    assert track_job(plan, plan.trackers[0], sequence).settings != before.settings
+    with pytest.raises(MienError, match="other_tracker:T: there is no module other_tracker here"):
+        replace(plan, trackers=("other_tracker:T",))
+
+
 def test_commands_in_processes() -> None:
     def python(code: str) -> Command:
         return Command(code, (sys.executable, "-c", code))

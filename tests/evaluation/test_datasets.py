@@ -131,9 +131,26 @@ def test_rendered_refuses_what_it_cannot_read(tmp_path: Path) -> None:
     np.savez(exact, Q=R)
     with pytest.raises(MienError, match="no rotations R"):
         _truth("rendered", tmp_path)
-    exact.write_text("no archive")
-    with pytest.raises(MienError, match="not an npz file"):
-        _truth("rendered", tmp_path)
+    R = head_rotations(angles_deg())
+    for more, words in (
+        ({"landmarks68": np.zeros((FRAMES, 136))}, "a frame of landmarks68 has another shape"),
+        ({"expression": np.zeros((FRAMES, 2))}, "a frame of expression has another shape"),
+        ({"R": 0 * R}, "R of frame 0 is no rotation"),
+    ):
+        np.savez(exact, **({"R": R} | more))
+        with pytest.raises(MienError, match=words):
+            _truth("rendered", tmp_path)
+    for broken in ("no archive", ""):
+        exact.write_text(broken)
+        with pytest.raises(MienError, match="not an npz file"):
+            _truth("rendered", tmp_path)
+
+
+def test_sequences_have_names_of_their_own(tmp_path: Path) -> None:
+    tiny.rendered(tmp_path)
+    (tmp_path / "a_uniform1.MKV").write_bytes(b"")
+    with pytest.raises(MienError, match="more than one sequence named a_uniform1"):
+        load_dataset("rendered", tmp_path)
 
 
 # Talking Face

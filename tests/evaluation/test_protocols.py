@@ -95,6 +95,9 @@ def test_axes_of_the_head_can_be_aligned() -> None:
     too_far[4] = np.nan  # lost: the last rotation is held, and nothing aligned to it
     wrong = compare(Protocol.REBASED, Truth(10, rotations=turned), too_far)
     np.testing.assert_allclose(wrong.aligned_error_deg, wrong.error_deg, atol=1e-6)
+    too_far[1:] = np.nan
+    soon_lost = compare(Protocol.REBASED, Truth(10, rotations=turned), too_far)
+    np.testing.assert_allclose(soon_lost.aligned_error_deg, soon_lost.error_deg, atol=1e-6)
 
 
 def test_each_protocol_ignores_the_offset_that_it_should() -> None:

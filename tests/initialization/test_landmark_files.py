@@ -120,6 +120,8 @@ BROKEN = {
     "null.json": (_json(points=[[None, 1.0]] * 68), "not a finite number"),
     "depths.json": (_json(depths=[1.0, 2.0]), "`depths` must be one finite number for each point"),
     "open.pts": ("version: 1\nn_points: 68\n1 2\n", "no points between braces"),
+    "endless.json": (_json(frame=float("inf")), "needs `scheme` and `points`"),
+    "bare.pts": ("n_points 68\n{\n" + "1 2\n" * 60 + "}", "states 68 points and holds 60"),
     "count.pts": ("n_points: 68\n{\n" + "1 2\n" * 60 + "}", "states 68 points and holds 60"),
     "few.pts": ("{\n" + "1 2\n" * 60 + "}", "ibug68 needs 68 points"),
     "odd.pts": ("{\n" + "1 2\n" * 67 + "1\n}", "lacks a coordinate"),

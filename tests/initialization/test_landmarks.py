@@ -65,6 +65,11 @@ def test_right_is_left_in_the_image() -> None:
     assert points[LANDMARK_VERTICES["right_eye_outer_corner"], 0] < points[LANDMARK_VERTICES["nose_tip"], 0]
 
 
+def test_points_may_be_lists() -> None:
+    landmarks = Landmarks([[float(k), 2.0] for k in range(68)], "ibug68")  # type: ignore[arg-type]
+    assert landmarks.correspondences()[1].shape[1] == 2
+
+
 def test_bad_values_are_refused() -> None:
     with pytest.raises(MienError, match="unknown scheme 'dlib'"):
         Landmarks(np.zeros((68, 2)), "dlib")

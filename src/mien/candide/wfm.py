@@ -118,8 +118,8 @@ class _Lines:
     def count(self, of: str) -> int:
         """The count that a list starts with."""
         text, _ = self.next(f"the number of {of}")
-        if not text.isdecimal():
-            self.fail(f"the number of {of}", repr(text))
+        if not text.isdecimal() or int(text) > len(self._lines):
+            self.fail(f"the number of {of}, which has lines for each", repr(text))
         return int(text)
 
     def row(self, what: str, *columns: Callable[[str], float]) -> tuple[tuple[float, ...], str]:

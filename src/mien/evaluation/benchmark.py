@@ -23,7 +23,7 @@ from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, r
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
 from mien.processes import Command, Progress, run_commands
-from mien.registry import file_of
+from mien.registry import code_of, file_of
 
 DEFAULT_TIME_LIMIT = 1800.0
 """Seconds that one tracker may take for one sequence."""
@@ -102,6 +102,7 @@ def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
         "code": code_checksum(),
         "tracker": name,
         "input": _checksum(file) if file and file.is_file() else "",
+        "own": _checksum(code) if (code := code_of(tracker)) else "",
         "landmarks": _checksum(Path(first.out)) if Path(first.out).exists() else "",
         "video": _checksum(sequence.video),
         "truth": _digest([_checksum(f) for f in sequence.truth_files]),

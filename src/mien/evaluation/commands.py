@@ -71,6 +71,7 @@ def report(directory: Path, form: str = "markdown", protocol: str | None = None)
 
 def _print_summary(scores: Scores) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table as RichTable
 
     console = Console()
@@ -78,6 +79,6 @@ def _print_summary(scores: Scores) -> None:
         if table.rows:
             shown = RichTable(*table.columns, title=table.title, title_justify="left")
             for row in table.rows:
-                shown.add_row(*row)
+                shown.add_row(*map(escape, row))
             console.print(shown)
     console.print(f"protocol: {scores.protocol.value}", highlight=False)

@@ -174,7 +174,8 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     below.set_xlabel("confidence")
     for axis in (above, below):
         _tidy(axis)
-    above.legend(frameon=False, loc="upper left")
+    if above.get_legend_handles_labels()[1]:
+        above.legend(frameon=False, loc="upper left")
     return figure
 
 

@@ -12,7 +12,7 @@ from mien._version import __version__
 from mien.errors import MienError, require
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, protocol_named
 from mien.files import whole_file
-from mien.registry import TRACKERS, argument_of, file_of
+from mien.registry import TRACKERS, argument_of, code_of, file_of
 
 LANDMARK_SOURCES = ("detected", "truth")
 
@@ -147,3 +147,7 @@ def _require_known(tracker: str) -> None:
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
         require(Path(argument).exists(), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
     argument_of(tracker)  # settings that are wrong are told now, and not of every sequence
+    require(
+        name in TRACKERS or code_of(tracker) is not None,
+        f"{tracker}: there is no module {name} here; give MODULE:CLASS of a file that Python finds",
+    )

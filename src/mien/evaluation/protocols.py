@@ -18,7 +18,6 @@ exact rotations need no reading.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -100,10 +99,10 @@ class Comparison:
             Rotation.from_euler(order, np.nan_to_num(angles)[:, columns], degrees=True).as_rotvec()
             for angles in (self.truth_deg, self.estimate_deg)
         )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # turns about one axis alone leave the others' place open
-            turn, _ = Rotation.align_vectors(truth[seen], estimate[seen])
-        aligned = angles_deg(Rotation.from_rotvec(turn.apply(estimate)).as_matrix(), order)
+        # Wahba's problem: the rotation that lays the axes of all turns over the true ones.
+        left, _, right = np.linalg.svd(truth[seen].T @ estimate[seen])
+        left[:, 2] *= np.sign(np.linalg.det(left @ right))
+        aligned = angles_deg(Rotation.from_rotvec(estimate @ (left @ right).T).as_matrix(), order)
         return np.where(self.known[:, None], wrap_deg(aligned - self.truth_deg), np.nan)
 
     @property

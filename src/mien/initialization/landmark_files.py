@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -64,7 +65,7 @@ def _read_json(path: Path, index: int, time: float) -> Landmarks:
         index, time = int(values.get("frame", index)), float(values.get("time", time))
     except json.JSONDecodeError as error:
         raise MienError(f"{path} is not valid JSON ({error}); make it again with mien landmarks") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise MienError(
             f"{path} needs `scheme` and `points`, a list of pairs of numbers ({error}); "
             "compare it with the output of mien landmarks"
@@ -91,7 +92,7 @@ def _read_pts(path: Path, index: int, time: float) -> Landmarks:
     points = _numbers(path, body.split())
     require(points.size % 2 == 0, f"{path}: a point lacks a coordinate; each line holds x and y")
     points = points.reshape(-1, 2)
-    stated = [line.split(":")[1].strip() for line in header.splitlines() if line.startswith("n_points")]
+    stated = re.findall(r"^n_points\s*:?\s*(\S*)", header, re.MULTILINE)
     require(
         not stated or stated[0] == str(len(points)),
         f"{path} states {stated and stated[0]} points and holds {len(points)}; the file is incomplete",

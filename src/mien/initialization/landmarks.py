@@ -129,6 +129,9 @@ class Landmarks:
     source: str = "landmarks"
 
     def __post_init__(self) -> None:
+        for name in ("points", "depths"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
         require(self.scheme in _SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
         count = _SCHEMES[self.scheme][0]
         require(

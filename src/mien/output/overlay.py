@@ -249,8 +249,8 @@ def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
     """What a face is called, above its landmarks (n, 2)."""
     place = points[:, 0].mean(), points[:, 1].min() - 0.6 * np.ptp(points[:, 1])
     if np.isfinite(place).all():
-        (width, _), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
-        corner = int(place[0] - width / 2), int(place[1])
+        (width, height), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
+        corner = int(place[0] - width / 2), max(int(place[1]), height + 4)
         for colour, thickness in (((20, 30, 40), 5), (TEXT, 2)):
             cv2.putText(canvas, name, corner, _FONT, _text_size(canvas), colour, thickness, cv2.LINE_AA)
 

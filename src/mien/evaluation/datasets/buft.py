@@ -45,9 +45,6 @@ def load(root: Path) -> tuple[Sequence, ...]:
         f"{root} holds no sequence of BUFT; it needs videos ({', '.join(VIDEO_SUFFIXES)}), each with a .dat "
         "of the same name beside it or in a folder of its own",
     )
-    names = [video.stem for video, _ in pairs]
-    twice = sorted({n for n in names if names.count(n) > 1})
-    require(not twice, f"{root} holds more than one sequence named {', '.join(twice)}; give one set at a time")
     return tuple(
         Sequence(
             video.stem,

@@ -34,7 +34,7 @@ twice the numbers, and averaged."""
 
 def load(root: Path) -> tuple[Sequence, ...]:
     """Every sequence of a folder: videos that have an `_truth.npz` or a `.dat` of the same name."""
-    videos = sorted(p for p in root.iterdir() if p.suffix in VIDEO_SUFFIXES) if root.is_dir() else []
+    videos = sorted(p for p in root.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES) if root.is_dir() else []
     found = [s for video in videos if (s := _sequence(video)) is not None]
     require(
         bool(found),
@@ -54,7 +54,12 @@ def read_truth(path: Path, frames: int) -> Truth:
         if array is not None:
             require_frames(len(array), frames, path)
             require_finite(array, path, name)
-    names = tuple(str(n) for n in values["expression_names"]) if expression is not None else ()
+    turned = np.linalg.det(R)
+    require(bool((turned > 0).all()), f"{path}: R of frame {int(np.argmin(turned))} is no rotation")
+    names = tuple(str(n) for n in values.get("expression_names", ()))
+    for of, array, shape in (("landmarks68", landmarks, (68, 2)), ("expression", expression, (len(names),))):
+        fits = array is None or array.shape[1:] == shape
+        require(fits, f"{path}: a frame of {of} has another shape than {shape}, that of its points or its names")
     if landmarks is not None:
         landmarks = landmarks + PICTURES_BESIDE_POINTS
     return Truth(frames, rotations=FACING @ R, landmarks=landmarks, expression=expression, expression_names=names)
@@ -73,7 +78,7 @@ def _sequence(video: Path) -> Sequence | None:
 def _read_npz(path: Path) -> Mapping[str, Any]:
     try:
         values = dict(np.load(path))
-    except (OSError, ValueError, BadZipFile) as e:
+    except (OSError, ValueError, EOFError, BadZipFile) as e:
         raise MienError(f"{path} is not an npz file that can be read ({e}); make it again") from e
     require("R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)")
     return values
