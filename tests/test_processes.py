@@ -25,7 +25,7 @@ def _run(*codes: str, forked: bool, time_limit: float = 60.0) -> list[Ended]:
 def test_what_becomes_of_a_call(forked: bool) -> None:
     ended = _run(
         "pass",
-        "print('mien: turned'); import sys; print('reason: too late', file=sys.stderr); sys.exit(2)",
+        "print('mien: turned', flush=True); import sys; print('reason: too late', file=sys.stderr); sys.exit(2)",
         "raise SystemExit(3)",
         "raise ValueError('alas')",
         "import os; os.abort()",
