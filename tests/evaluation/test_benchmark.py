@@ -209,5 +209,5 @@ def test_labels_and_commands() -> None:
     assert label("openface:/a/b/openface") == "openface:openface"
     assert label("paper") == "paper"
     plan = Plan("buft", Path("data"), Path("out"), ("paper", "mediapipe"), "paper", focal_px=450, timed=0)
-    expected = "mien evaluate buft data --trackers paper,mediapipe --protocol paper --focal 450 -o out"
+    expected = "mien evaluate buft data --trackers paper,mediapipe --protocol paper --focal 450 --timed 0 -o out"
     assert command_of(plan) == expected

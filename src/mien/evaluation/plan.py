@@ -129,6 +129,7 @@ def command_of(plan: Plan) -> str:
     words += [f"--focal {plan.focal_px:g}"] if plan.focal_px is not None else []
     words += [f"--lost {plan.lost_deg:g}"] if plan.lost_deg != DEFAULT_LOST_DEG else []
     words += [f"--sequences {','.join(plan.sequences)}"] if plan.sequences else []
+    words += [f"--timed {plan.timed}"] if plan.timed != 1 else []
     return " ".join([*words, f"-o {plan.out}"])
 
 
