@@ -19,8 +19,9 @@ from mien.files import require_writable, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
-from mien.processes import Call, Command, Ended, Progress, run_commands
+from mien.processes import Call, Ended, Progress, run_commands
 from mien.registry import create_tracker, file_of
+from mien.start import asked
 from mien.video import VIDEO_SUFFIXES
 
 SUMMARY = "summary.csv"
@@ -28,6 +29,7 @@ TRACKED, KEPT, FAILED, NOT_YET = "tracked", "kept", "failed", "not yet"
 """What became of a video: tracked now, or in an earlier run; not to be tracked; not reached before the run was stopped.
 """
 _FACE = re.compile(r"\.face[0-9]+$")
+"""What `Destination.of_face` puts behind the name of a table."""
 _SPOKEN = "mien: "
 """What the command line puts before its warnings and errors."""
 
@@ -59,9 +61,7 @@ class Wish:
 
     def is_met_by(self, metadata: Mapping[str, Any]) -> bool:
         """Whether a track with this NAME.json is what is asked for."""
-        names = ("focal_px", "fov_deg", "start", "end", "at_once")
-        asked = {"camera": self.camera and str(self.camera), **{name: getattr(self, name) for name in names}}
-        wanted = {"complete": True, "preset": self.preset, "passes": self.passes, "asked": {**asked, "face": None}}
+        wanted = {"complete": True, "preset": self.preset, "passes": self.passes, "asked": asked(self, self.at_once)}
         return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
@@ -71,8 +71,8 @@ class Wish:
         return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
 
     @property
-    def files(self) -> list[Path]:
-        """What it reads for every video."""
+    def inputs(self) -> list[Path]:
+        """What `mien track` reads for every video beside it."""
         return [file for file in (file_of(self.preset), self.camera) if file is not None]
 
 
@@ -111,16 +111,15 @@ def track_all(
     wish = wish or Wish()
     create_tracker(wish.preset)  # an unknown one is told now, and not of every video
     notes = _notes(out / SUMMARY)
-    rows = [Row(video, table, note=notes.get(str(video), "")) for video, table in find_videos(paths, out)]
+    rows = [Row(video, table) for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     waiting = []
     for k, row in enumerate(rows):
         kept = None if wish.again else _kept(row, wish)
         if kept is None:
             waiting.append(k)
-            rows[k] = replace(rows[k], note="")
         else:
-            rows[k] = kept
+            rows[k] = replace(kept, note=notes.get(str(row.video), ""))
     commands = [_command(rows[k], wish) for k in waiting]
     started: list[str] = []
     try:
@@ -143,13 +142,12 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     table's name where two in one folder differ by it alone, and where without it the table would be that of another's
     further face, or the summary."""
     found = list(dict.fromkeys(pair for path in paths for pair in _videos_of(path, out)))
-    stems = {place.with_suffix("") for _, place in found}
     require(bool(found), f"{', '.join(map(str, paths))}: no video is there; mien looks for {', '.join(VIDEO_SUFFIXES)}")
     alike = Counter(place.with_suffix("") for _, place in found)
     tables: dict[Path, Path] = {}
     for video, place in found:
         stem = place.with_suffix("")
-        of_another = _FACE.search(stem.name) and stem.with_name(_FACE.sub("", stem.name)) in stems
+        of_another = _FACE.search(stem.name) and stem.with_name(_FACE.sub("", stem.name)) in alike
         taken = alike[stem] > 1 or of_another or place.with_suffix(".csv") == Path(SUMMARY)
         table = out / (f"{place}.csv" if taken else place.with_suffix(".csv"))
         other = tables.setdefault(table, video)
@@ -184,7 +182,7 @@ def _pictures(table: Path) -> tuple[Path, Path]:
     return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
 
 
-def _command(row: Row, wish: Wish) -> Command | Call:
+def _command(row: Row, wish: Wish) -> Call:
     overlay, plot = _pictures(row.table)
     pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
     arguments = ("track", "-o", str(row.table), *pictures, *wish.arguments, "--quiet", "--", str(row.video))
@@ -206,7 +204,7 @@ def _kept(row: Row, wish: Wish) -> Row | None:
     files = wish.files_of(row.table, known.get("faces", 1))
     if not all(file.exists() for file in files):
         return None
-    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.files)):
+    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.inputs)):
         return None
     return _measured(replace(row, state=KEPT), track)
 

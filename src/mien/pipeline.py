@@ -29,7 +29,7 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import create_tracker, file_of
-from mien.start import TURNED_DEG, Footage, Start, prepare
+from mien.start import TURNED_DEG, Footage, Start, asked, prepare
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Video, backwards, open_video
@@ -327,7 +327,7 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         "preset": this.preset,
         "passes": this.turn,
         "face_id": this.face_id,
-        "asked": {**begin.footage.asked, "at_once": begin.at_once, "face": begin.face and list(begin.face)},
+        "asked": asked(begin.footage, begin.at_once, begin.face),
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import chain, islice, takewhile
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -69,13 +69,6 @@ class Footage:
             number = value is None or (isinstance(value, Real) and math.isfinite(value))
             require(number, f"{name} is {value!r}; give a number, or leave it out")
 
-    @property
-    def asked(self) -> dict[str, Any]:
-        """What of it is asked for, and of what camera, in plain values."""
-        camera = asdict(self.camera) if isinstance(self.camera, Camera) else self.camera and str(self.camera)
-        values = {name: getattr(self, name) for name in ("focal_px", "fov_deg", "start", "end")}
-        return {"camera": camera, **{name: value if value is None else float(value) for name, value in values.items()}}
-
     def frames(self) -> Iterator[Frame]:
         """Its frames, decoded from the beginning; see `select`."""
         return select(self.video, self.start, self.end)
@@ -112,6 +105,29 @@ class Footage:
         return camera
 
 
+class Asked(Protocol):
+    """What `Footage` and `mien batch` are asked for alike."""
+
+    @property
+    def camera(self) -> Camera | str | Path | None: ...
+    @property
+    def focal_px(self) -> float | None: ...
+    @property
+    def fov_deg(self) -> float | None: ...
+    @property
+    def start(self) -> float | None: ...
+    @property
+    def end(self) -> float | None: ...
+
+
+def asked(of: Asked, at_once: bool, face: Point | None = None) -> dict[str, Any]:
+    """What is asked for beside the tracker, in the plain values of NAME.json."""
+    camera = asdict(of.camera) if isinstance(of.camera, Camera) else of.camera and str(of.camera)
+    numbers = {"focal_px": of.focal_px, "fov_deg": of.fov_deg, "start": of.start, "end": of.end}
+    plain = {name: value if value is None else float(value) for name, value in numbers.items()}
+    return {"camera": camera, **plain, "at_once": at_once, "face": face and list(face)}
+
+
 @dataclass(frozen=True)
 class Start:
     """All that tracking begins with. first: the frame that the landmarks belong to; frames: all that have a row, the
@@ -141,8 +157,6 @@ def prepare(
     largest, or the one at the point `face`. Raises MienError for bad input."""
     point = face is None or (np.shape(face) == (2,) and bool(np.isfinite(face).all()))
     require(point, f"face is {face!r}; give a point of the image, two numbers of pixels")
-    known = landmarks is None or isinstance(landmarks, (Landmarks, str, Path))
-    require(known, f"landmarks are {type(landmarks)}; give mien.Landmarks or the name of their file")
     source, frames = footage.video, footage.frames()
     earliest = next(frames)
     camera = footage.camera_of(earliest)

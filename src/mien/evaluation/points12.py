@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import rows_told
+from mien.initialization.landmarks import rows_by_name, rows_told
 
 POINT_NAMES = (
     "right_eye_outer_corner",
@@ -57,7 +57,7 @@ def points_of_scheme(points: Array, scheme: str) -> Array:
 
 def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
     """A name for each of the points of a scheme: that of the landmark of CANDIDE, or its number."""
-    names = {int(a): name for name, (a, b) in rows_told(scheme).items() if a == b}
+    names = {int(a): name for name, (a, b) in rows_by_name(scheme).items() if a == b}
     return tuple(names.get(i, f"{scheme}_{i}") for i in range(count))
 
 

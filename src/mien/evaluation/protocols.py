@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Truth
-from mien.geometry.rotation import FACING, Array, angle_between
+from mien.geometry.rotation import FACING, Array, angle_between, rotation_onto
 from mien.tracking.state import Mask
 
 ANGLE_NAMES = ("tilt", "pan", "roll")
@@ -94,15 +94,11 @@ class Comparison:
         seen = self.known & ~self.lost
         if not seen.any():
             return np.full_like(self.error_deg, np.nan)
-        order, columns = self.protocol.order, ["XYZ".index(axis) for axis in self.protocol.order]
-        truth, estimate = (
-            Rotation.from_euler(order, np.nan_to_num(angles)[:, columns], degrees=True).as_rotvec()
-            for angles in (self.truth_deg, self.estimate_deg)
-        )
-        # Wahba's problem: the rotation that lays the axes of all turns over the true ones.
-        left, _, right = np.linalg.svd(truth[seen].T @ estimate[seen])
-        left[:, 2] *= np.sign(np.linalg.det(left @ right))
-        aligned = angles_deg(Rotation.from_rotvec(estimate @ (left @ right).T).as_matrix(), order)
+        order = self.protocol.order
+        angles = (np.nan_to_num(known) for known in (self.truth_deg, self.estimate_deg))
+        truth, estimate = (rotation_of(a, order).as_rotvec() for a in angles)
+        turn, _ = rotation_onto(estimate[seen], truth[seen])
+        aligned = angles_deg(Rotation.from_rotvec(estimate @ turn.T).as_matrix(), order)
         return np.where(self.known[:, None], wrap_deg(aligned - self.truth_deg), np.nan)
 
     @property
@@ -163,11 +159,9 @@ def truth_rotations(protocol: Protocol, truth: Truth) -> Array:
     if truth.rotations is not None:
         return truth.rotations
     assert truth.angles_deg is not None
-    columns = ["XYZ".index(axis) for axis in protocol.order]
     out = np.full((truth.frames, 3, 3), np.nan)
     known = np.isfinite(truth.angles_deg).all(axis=1)
-    angles = truth.angles_deg[known][:, columns]
-    out[known] = FACING @ Rotation.from_euler(protocol.order, angles, degrees=True).as_matrix()
+    out[known] = FACING @ rotation_of(truth.angles_deg[known], protocol.order).as_matrix()
     return out
 
 
@@ -183,6 +177,11 @@ def hold(rotations: Array) -> Array:
     known = np.isfinite(rotations).all(axis=(1, 2))
     last = np.maximum.accumulate(np.where(known, np.arange(len(rotations)), -1))
     return np.where((last >= 0)[:, None, None], rotations[np.maximum(last, 0)], np.nan)
+
+
+def rotation_of(angles_deg: Array, order: str) -> Rotation:
+    """The n rotations with tilt, pan, roll (n, 3) in degrees."""
+    return Rotation.from_euler(order, angles_deg[:, ["XYZ".index(axis) for axis in order]], degrees=True)
 
 
 def angles_deg(rotations: Array, order: str) -> Array:

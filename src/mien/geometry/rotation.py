@@ -105,13 +105,19 @@ def angle_between(Ra: Array, Rb: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(w, axis=-1), trace - 1))
 
 
+def rotation_onto(source: Array, target: Array) -> tuple[Array, float]:
+    """R (3, 3) with the least squares of `target - R source` about the origin, and the sum of their products; (n, 3),
+    (n, 3). Wahba's problem."""
+    U, S, Vt = np.linalg.svd(target.T @ source)
+    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    return U @ D @ Vt, float((S * np.diag(D)).sum())
+
+
 def similarity(source: Array, target: Array) -> tuple[float, Array, Array]:
     """s, R (3, 3), t (3,) with the least squares of `target - (s R source + t)`; (n, 3), (n, 3). Umeyama
     1991.
     """
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    D = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    R = U @ D @ Vt
-    scale = float((S * np.diag(D)).sum() / (a**2).sum())
+    R, overlap = rotation_onto(a, b)
+    scale = overlap / float((a**2).sum())
     return scale, R, target.mean(axis=0) - scale * R @ source.mean(axis=0)

@@ -33,6 +33,8 @@ def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landm
     that is nearest in time is taken, or by number where it has no times. Raises MienError naming the file and
     the remedy.
     """
+    named = isinstance(path, (str, Path))
+    require(named, f"landmarks are {type(path)}; give mien.Landmarks or the name of their file")
     path = Path(path)
     readers: dict[str, Callable[[Path, int, float], Landmarks]]
     readers = {".json": _read_json, ".pts": _read_pts, ".csv": _read_csv}
