@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 
 from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Shifted, face68, head_rotations
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.evaluation import tables
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.datasets import load_dataset
@@ -216,6 +217,35 @@ def test_what_a_report_refuses(out: Path, tmp_path: Path) -> None:
     (tmp_path / "evaluation.json").write_text('{"dataset": 3}')
     with pytest.raises(MienError, match="not of this version"):
         load_scores(tmp_path)
+
+
+def test_a_damaged_file_is_named_and_the_others_are_reported(out: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(out, tmp_path / "copy"))
+    result, timing = result_path(copy, "good", "b_wide1"), timing_path(copy, "good", "a_uniform1")
+    whole = result.read_bytes()
+    result.write_bytes(whole[:-100])
+    timing.write_text("{")
+    with pytest.warns(MienWarning) as warned:
+        scores = load_scores(copy)
+    assert [str(w.message).partition(" ")[0] for w in warned] == [str(timing), str(result)]
+    assert all("run mien evaluate again" in str(w.message) for w in warned)
+    assert scores.timings == ()
+    assert [s.result.sequence for s in scores.of("good")] == ["a_uniform1"]
+    text = write_report(scores, copy, "markdown").read_text(encoding="utf-8")
+    assert f"{result} is damaged" in text
+
+
+def test_whatever_is_damaged_in_a_result_is_told_as_such(out: Path, tmp_path: Path) -> None:
+    whole, file = result_path(out, "shifted", "a_uniform1").read_bytes(), tmp_path / "result.npz"
+    rng, refused = np.random.default_rng(0), 0
+    for k in range(300):
+        place, bit = int(rng.integers(len(whole))), 1 << int(rng.integers(8))
+        file.write_bytes(whole[:place] + (bytes([whole[place] ^ bit]) + whole[place + 1 :] if k % 3 else b""))
+        try:
+            SequenceResult.load(file)  # what nothing reads may be damaged
+        except MienError:
+            refused += 1
+    assert refused > 200
 
 
 def test_figures_are_pictures(out: Path) -> None:

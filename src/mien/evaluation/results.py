@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,9 @@ from mien.evaluation.datasets.sequence import Truth
 from mien.files import whole_file
 from mien.geometry.rotation import Array
 from mien.tracking.state import EXPRESSION_NAMES, Estimate, Mask, Status
+
+REMEDY = "run mien evaluate again, which makes it anew"
+"""Of a file that is damaged, or of another version."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ class SequenceResult:
     def load(cls, path: Path) -> SequenceResult:
         """Read a result. Raises MienError where the file is not one."""
         try:
-            with np.load(path) as file:
+            with path.open("rb") as stream, np.load(stream) as file:
                 values = {name: file[name] for name in file.files}
             meta = json.loads(str(values["meta"]))
             return cls(
@@ -117,8 +119,8 @@ class SequenceResult:
                 pictures=_by_frame("picture", values),
                 meshes=_by_frame("mesh", values),
             )
-        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as e:
-            raise MienError(f"{path} is not a result of this version ({e}); remove it and run it again") from e
+        except Exception as e:  # a damaged file makes NumPy, zip and zlib raise errors of many kinds
+            raise MienError(f"{path} is damaged or not a result of this version ({e}); {REMEDY}") from e
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ class Timing:
             values = json.loads(path.read_text(encoding="utf-8"))
             return cls(**{**values, "frame_seconds": tuple(values["frame_seconds"])})
         except (OSError, ValueError, KeyError, TypeError) as e:
-            raise MienError(f"{path} is not a timing of this version ({e}); remove it and run it again") from e
+            raise MienError(f"{path} is damaged or not a timing of this version ({e}); {REMEDY}") from e
 
 
 def _stack(values: Sequence[Array | None], shape: tuple[int, ...]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.errors import MienError
+from mien.errors import MienError, warn
 from mien.evaluation import metrics
 from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.points12 import outer_eye_distance, points_of_names, points_of_scheme
@@ -188,9 +188,10 @@ class Scores:
 
 
 def load_scores(out: Path, protocol: str | None = None) -> Scores:
-    """Everything in a folder of results, in the protocol it was evaluated in or another.
+    """Everything in a folder of results, in the protocol it was evaluated in or another; a file that is damaged is
+    warned of, and what it held has no figures.
 
-    Raises MienError where the folder holds no evaluation or a file is damaged.
+    Raises MienError where the folder holds no evaluation.
     """
     evaluation = Evaluation.load(out)
     chosen = protocol_named(protocol or evaluation.protocol)
@@ -198,18 +199,30 @@ def load_scores(out: Path, protocol: str | None = None) -> Scores:
     timings: list[Timing] = []
     for tracker in evaluation.trackers:
         for sequence, kind in zip(evaluation.sequences, evaluation.kinds_of_sequences, strict=True):
-            path = result_path(out, tracker, sequence)
             missing = SequenceResult(tracker, evaluation.dataset, sequence, kind, failure="not run yet")
-            result = SequenceResult.load(path) if path.exists() else missing
+            result = _result(result_path(out, tracker, sequence), missing)
             scores.append(Score(result, chosen, evaluation.lost_deg))
             timing = _timing_of(result, timing_path(out, tracker, sequence))
             timings += [] if timing is None else [timing]
     return Scores(evaluation, chosen, tuple(scores), tuple(timings))
 
 
+def _result(path: Path, missing: SequenceResult) -> SequenceResult:
+    """The result of a file; what stands for a missing one where there is none, or a damaged one."""
+    try:
+        return SequenceResult.load(path) if path.exists() else missing
+    except MienError as error:
+        warn(str(error))
+        return replace(missing, failure=str(error))
+
+
 def _timing_of(result: SequenceResult, path: Path) -> Timing | None:
-    """The timing of a result, if it was made with the same settings."""
-    timing = Timing.load(path) if path.exists() else None
+    """The timing of a result, if there is one that was made with the same settings."""
+    try:
+        timing = Timing.load(path) if path.exists() else None
+    except MienError as error:
+        warn(str(error))
+        return None
     same = timing is not None and dict(timing.settings) == dict(result.settings)
     return timing if same else None
 
