@@ -291,7 +291,7 @@ def evaluate(
         jobs=jobs,
         first_landmarks=landmarks,
         focal_px=focal,
-        sequences=_names(sequences),
+        sequences=(sequences,) if sequences else (),
         timed=timed,
         quiet=quiet,
         **{name: value for name, value in limits.items() if value is not None},

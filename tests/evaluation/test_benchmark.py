@@ -11,7 +11,7 @@ import pytest
 
 from evaluation import tiny
 from mien.errors import MienError
-from mien.evaluation.benchmark import run_plan, track_job
+from mien.evaluation.benchmark import _chosen, run_plan, track_job
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
@@ -193,6 +193,22 @@ def test_plans_that_are_refused(tmp_path: Path) -> None:
         run_plan(replace(plan, sequences=("z1",)))
     with pytest.raises(MienError, match="unknown data set"):
         run_plan(replace(plan, dataset="bu"))
+
+
+def test_sequences_are_chosen_by_name(tmp_path: Path) -> None:
+    """Also those with a comma in their name, which is between names, too."""
+    plan = _plan(tmp_path, STILL, names=("a_uniform1", "b, c_wide1", "b", "d,e"))
+
+    def chosen(*names: str) -> list[str]:
+        return [s.name for s in _chosen(load_dataset("rendered", plan.root), names)]
+
+    assert chosen() == chosen(" ") == ["a_uniform1", "b, c_wide1", "b", "d,e"]
+    for names in (("b,a_uniform1",), (" a_uniform1 , b,",), ("b", "a_uniform1")):
+        assert chosen(*names) == ["a_uniform1", "b"]
+    assert chosen("b, c_wide1") == ["b, c_wide1"]
+    assert chosen("d,e,b, c_wide1,b") == ["b, c_wide1", "b", "d,e"]
+    with pytest.raises(MienError, match="has no sequence c_wide1, d; it has"):
+        chosen("a_uniform1,c_wide1,d")
 
 
 def test_a_folder_holds_one_data_set(tmp_path: Path) -> None:

@@ -28,10 +28,10 @@ def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_one_command_gives_a_report_and_report_gives_the_others(tmp_path: Path) -> None:
-    data = tiny.rendered(tmp_path / "data")
+    data = tiny.rendered(tmp_path / "data", ("a_uniform1", "b, c_wide1"))
     run = _mien(
         "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
-        "--timed", 0, "--jobs", 2, "-o", tmp_path / "out",
+        "--timed", 0, "--jobs", 2, "--sequences", "b, c_wide1", "-o", tmp_path / "out",
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     assert "report.html" in run.stdout

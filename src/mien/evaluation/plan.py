@@ -24,7 +24,8 @@ class Plan:
     dataset, root: the data set and its folder; out: the folder for results; trackers: for `create_tracker`,
     OpenFace's as `openface:PATH`; protocol: the name of one; landmarks: one of `LANDMARK_SOURCES`; focal_px:
     instead of the data set's; lost_deg: threshold of the protocol `paper`; sequences: the names of those to
-    take, all where empty; timed: on how many sequences each tracker's cost is measured.
+    take, in one text or several, with commas between, all where empty; timed: on how many sequences each
+    tracker's cost is measured.
     """
 
     dataset: str
