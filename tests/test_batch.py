@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -150,6 +151,8 @@ def test_every_face_of_a_video_is_a_row(videos: Path, code: dict[str, str], tmp_
     assert [row["lost"] for row in rows] == ["1", "1"]
     assert _states(track_all([videos / "a.mp4"], out, wish)) == ["kept"]
     assert len(_summary(out)) == 2
+    (out / "a.face1.csv").write_bytes(b"")
+    assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
     (out / "a.face1.parquet").unlink()
     assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]  # of which one face is wanted now
@@ -214,6 +217,20 @@ def test_what_was_noted_of_a_video_is_kept_with_it(videos: Path, code: dict[str,
     assert track_all([videos / "a.mp4"], out)[0].note == ""
     del code["a.mp4"]
     assert track_all([videos / "a.mp4"], out, Wish(again=True))[0].note == ""
+
+
+def test_what_was_noted_outlives_a_run_that_is_killed(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code["a.mp4"] = WARNED
+    out, left = tmp_path / "out", tmp_path / "left"
+
+    def look(done: int, total: int, name: str) -> None:
+        if done == 1:  # what a run that is killed now leaves behind
+            shutil.copytree(out, left)
+
+    track_all([videos], out, jobs=1, progress=look)
+    assert [(row["state"], row["note"]) for row in _summary(left)][:1] == [("tracked", "the face is turned")]
+    rows = track_all([videos], left)
+    assert [(row.state, row.note) for row in rows] == [("kept", "the face is turned"), ("tracked", ""), ("tracked", "")]
 
 
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

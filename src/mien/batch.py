@@ -7,6 +7,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from pathlib import Path
@@ -102,7 +103,7 @@ def track_all(
     forked: bool = False,
 ) -> list[Row]:
     """Track every video among paths and below the folders among them; their tables go to `out`, in folders as the
-    videos', with a summary, which is written as well when the run is stopped.
+    videos', with a summary, which is written whenever a video is done: it holds what was noted of each.
 
     jobs: how many at a time, one for each processor unless given; forked: whether processes may be forked, which begin
     sooner, but import the main module again. Raises MienError where there is nothing to track, or the tables cannot be
@@ -111,30 +112,32 @@ def track_all(
     wish = wish or Wish()
     create_tracker(wish.preset)  # an unknown one is told now, and not of every video
     notes = _notes(out / SUMMARY)
-    rows = [Row(video, table) for video, table in find_videos(paths, out)]
+    found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     waiting = []
-    for k, row in enumerate(rows):
-        kept = None if wish.again else _kept(row, wish)
+    for k, (row,) in enumerate(found):
+        kept = None if wish.again else _kept(replace(row, note=notes.get(str(row.video), "")), wish)
         if kept is None:
             waiting.append(k)
         else:
-            rows[k] = replace(kept, note=notes.get(str(row.video), ""))
-    commands = [_command(rows[k], wish) for k in waiting]
+            found[k] = kept
+    commands = [_command(found[k][0], wish) for k in waiting]
     started: list[str] = []
     try:
-        progress(len(rows) - len(waiting), len(rows), "")
+        progress(len(found) - len(waiting), len(found), "")
         for ended in run_commands(commands, jobs or _processors(), started=started.append, forked=forked):
             k = waiting[ended.place]
-            rows[k] = _outcome(rows[k], ended)
-            progress(sum(row.state != NOT_YET for row in rows), len(rows), started[-1])
+            found[k] = _outcome(found[k][0], ended)
+            with suppress(MienError):  # the next one has it, too, and the last must be written
+                _write(found, out / SUMMARY)
+            progress(sum(faces[0].state != NOT_YET for faces in found), len(found), started[-1])
     except BaseException:
-        done = sum(row.state in (TRACKED, KEPT) for row in rows)
-        warn(f"stopped; {done} of {len(rows)} videos are done, and the same command goes on from there")
+        done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
+        warn(f"stopped; {done} of {len(found)} videos are done, and the same command goes on from there")
         raise
     finally:
-        _write(rows, out / SUMMARY)
-    return rows
+        _write(found, out / SUMMARY)
+    return [faces[0] for faces in found]
 
 
 def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
@@ -189,8 +192,8 @@ def _command(row: Row, wish: Wish) -> Call:
     return Call(row.video.name, "mien.worker:run", arguments)
 
 
-def _kept(row: Row, wish: Wish) -> Row | None:
-    """The row of a video whose files are all there, whole, no older than it, of as large a video, and from the same
+def _kept(row: Row, wish: Wish) -> list[Row] | None:
+    """The rows of a video whose files are all there, whole, no older than it, of as large a video, and from the same
     tracker with the same settings; else None."""
     if not row.table.exists():
         return None
@@ -206,18 +209,20 @@ def _kept(row: Row, wish: Wish) -> Row | None:
         return None
     if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.inputs)):
         return None
-    return _measured(replace(row, state=KEPT), track)
+    with suppress(MienError):
+        return _faces(replace(row, state=KEPT), track)
+    return None
 
 
-def _outcome(row: Row, ended: Ended) -> Row:
-    """The row of a video whose process has ended."""
+def _outcome(row: Row, ended: Ended) -> list[Row]:
+    """The rows of a video whose process has ended."""
     said = " ".join(line.removeprefix(_SPOKEN) for line in ended.said if line.startswith(_SPOKEN))
     if ended.reason:
-        return replace(row, state=FAILED, note=said or f"{row.video}: {ended.reason}")
+        return [replace(row, state=FAILED, note=said or f"{row.video}: {ended.reason}")]
     try:
-        return _measured(replace(row, state=TRACKED, note=said), Track.read(row.table))
+        return _faces(replace(row, state=TRACKED, note=said), Track.read(row.table))
     except MienError as error:
-        return replace(row, state=FAILED, note=str(error))
+        return [replace(row, state=FAILED, note=str(error))]
 
 
 def _measured(row: Row, track: Track) -> Row:
@@ -228,12 +233,15 @@ def _measured(row: Row, track: Track) -> Row:
     return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
 
 
-def _further(row: Row) -> Iterator[Row]:
-    """The rows of a video's faces after the first."""
-    for face_id in range(1, row.faces or 1):
+def _faces(row: Row, track: Track) -> list[Row]:
+    """The rows of a video's faces, of which the first has this row and track. Raises MienError where a table of another
+    is damaged."""
+    rows = [_measured(row, track)]
+    for face_id in range(1, rows[0].faces or 1):
         table = Destination(row.table).of_face(face_id).table
         if table is not None and table.exists():
-            yield _measured(replace(row, table=table, face_id=face_id, note=""), Track.read(table))
+            rows.append(_measured(replace(rows[0], table=table, face_id=face_id, note=""), Track.read(table)))
+    return rows
 
 
 def _notes(summary: Path) -> dict[str, str]:
@@ -248,12 +256,12 @@ def _notes(summary: Path) -> dict[str, str]:
     return {row.get("video") or "": row.get("note") or "" for row in rows}
 
 
-def _write(rows: Sequence[Row], path: Path) -> None:
+def _write(found: Sequence[Sequence[Row]], path: Path) -> None:
     """The summary: a row a face, or a video that has none."""
     names = [field.name for field in fields(Row)]
     with whole_file(path) as file, file.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(names)
-        for row in chain.from_iterable((row, *_further(row)) for row in rows):
+        for row in chain.from_iterable(found):
             values = (getattr(row, name) for name in names)
             writer.writerow(["" if value is None else value for value in values])
