@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
 from mien.output.track import Track
 from mien.registry import create_tracker
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Closing, Estimate, Status
 
 FIRST = Landmarks(np.zeros((68, 2)), "ibug68")
 CAMERA = Camera(500, 160, 120)
@@ -64,6 +65,21 @@ def test_a_track_of_mien_is_read_alike(tmp_path: Path) -> None:
     again = _track(tmp_path / "mien.csv", 3)
     assert [e.status.success for e in again] == [True, True, False]
     np.testing.assert_allclose(again[1].euler, estimates[1].euler, atol=1e-6)
+
+
+def test_what_a_track_of_mien_says_of_the_eyes_is_kept(tmp_path: Path) -> None:
+    first, second, third = _track(_openface(tmp_path / "a.csv"), 3)
+    assert second.closing is None
+    blink = [first, replace(second, closing=Closing(0.75, 0.125)), third]
+    file = Track.from_estimates(blink).save(tmp_path / "mien.csv")[0]
+    again = _track(file, 3)
+    assert [e.closing for e in again] == [e.closing for e in blink] == [None, Closing(0.75, 0.125), None]
+    assert again[1].expression[-1] == 0.75
+    file.write_text(file.read_text().replace("eyes_closed_sd", "other"))  # as from a tracker that does not tell it
+    without_sd = _track(file, 3)[1].closing
+    assert without_sd is not None
+    assert without_sd.share == 0.75
+    assert np.isnan(without_sd.sd)
 
 
 def test_by_name(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from mien.evaluation.pose_csv import read_pose_csv
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 
 
 class OpenFaceTracker:
@@ -55,7 +55,14 @@ class OpenFaceTracker:
             landmarks=self._landmarks(row),
             confidence=float(table.confidence[row]),
             mm_per_unit=self._mm_per_unit,
+            closing=self._closing(row),
         )
+
+    def _closing(self, row: int) -> Closing | None:
+        if self._table.eyes_closed is None:
+            return None
+        share, sd = map(float, self._table.eyes_closed[row])
+        return Closing(share, sd) if np.isfinite(share) else None
 
     def _landmarks(self, row: int) -> TrackedLandmarks | None:
         if self._table.landmarks is None:

@@ -2,8 +2,8 @@
 
 Columns, all of them optional but one of pose or landmarks: `frame`, `face_id`, `timestamp` (s), `confidence`,
 `success`; `pose_Rx, pose_Ry, pose_Rz` (radians, `R = Rx Ry Rz` in camera axes, zero when facing the camera);
-`pose_Tx..` (mm); `x_0.., y_0..` pixels of 68 (iBUG) or 26 (CANDIDE) landmarks; mien's units by name and
-`pose_Rx_sd..`. OpenFace puts a space before most names and values.
+`pose_Tx..` (mm); `x_0.., y_0..` pixels of 68 (iBUG) or 26 (CANDIDE) landmarks; mien's units by name, `eyes_closed`
+and `eyes_closed_sd`. OpenFace puts a space before most names and values.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from mien.geometry.rotation import FACING, Array
 
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
+EYES_CLOSED = ("eyes_closed", "eyes_closed_sd")
 SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 
 
@@ -32,7 +33,8 @@ class PoseTable:
 
     frame: (n,) as the file numbers them, or the number of the row where it does not (numbered is False);
     from_zero: whether the first frame is 0, as in mien's files, or 1, as in OpenFace's; rotation: (n, 3, 3)
-    head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6).
+    head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6);
+    eyes_closed: (n, 2) how far the eyes have closed, and its standard deviation, each NaN where it is not known.
     """
 
     source: Path
@@ -45,6 +47,7 @@ class PoseTable:
     translation_mm: Array | None = None
     landmarks: Array | None = None
     animation: Array | None = None
+    eyes_closed: Array | None = None
 
     @property
     def index(self) -> NDArray[np.intp]:
@@ -95,6 +98,7 @@ def read_pose_csv(path: Path) -> PoseTable:
         _columns(path, rows, TRANSLATION) if set(TRANSLATION) <= set(names) else None,
         None if landmarks is None else landmarks.reshape(len(rows), count, 2),
         _columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
+        np.stack([_column(path, rows, n, np.nan) for n in EYES_CLOSED], axis=1) if EYES_CLOSED[0] in names else None,
     )
 
 
