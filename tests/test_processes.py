@@ -47,6 +47,15 @@ def test_each_call_has_a_process_and_a_session_of_its_own(forked: bool) -> None:
     assert (first[2] == os.getpid()) != (forked and can_fork())
 
 
+@pytest.mark.parametrize("forked", [False, True])
+def test_a_call_has_variables_of_its_own(forked: bool) -> None:
+    code = "import os; print(os.environ['THREADS_OF_A_CALL'])"
+    calls = [Call(number, "builtins:exec", (code,), {"THREADS_OF_A_CALL": number}) for number in "12"]
+    ended = run_commands(calls, 1, forked=forked)
+    assert [one.said for one in ended] == [("1",), ("2",)]
+    assert "THREADS_OF_A_CALL" not in os.environ
+
+
 def test_where_none_can_be_forked_a_new_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(call: Call, output: str) -> None:
         raise OSError("AF_UNIX path too long")

@@ -294,6 +294,7 @@ def evaluate(
         sequences=(sequences,) if sequences else (),
         timed=timed,
         quiet=quiet,
+        forked=True,
         **{name: value for name, value in limits.items() if value is not None},
     )
 

@@ -42,18 +42,25 @@ class Command:
 
 @dataclass(frozen=True)
 class Call:
-    """A function, `module:name`, that is called with arguments in a process of its own, and what to call that."""
+    """A function, `module:name`, that is called with arguments in a process of its own, what to call that, and
+    variables added to its environment.
+
+    imported: the module that is imported before processes are forked, the function's own unless given. It is that of
+    the first call that is forked, and was imported in that one's environment.
+    """
 
     name: str
     function: str
     arguments: Sequence[str]
+    environment: Mapping[str, str] = field(default_factory=dict)
+    imported: str = ""
 
     @property
     def command(self) -> Command:
         """The same in a new process."""
         module, _, function = self.function.partition(":")
         code = f"import sys; from {module} import {function}; {function}(*sys.argv[1:])"
-        return Command(self.name, (sys.executable, "-c", code, *self.arguments))
+        return Command(self.name, (sys.executable, "-c", code, *self.arguments), self.environment)
 
 
 def can_fork() -> bool:
@@ -135,9 +142,10 @@ class _Forked:
 
     def __init__(self, call: Call, output: str) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([call.function.partition(":")[0]])
-        self._process = context.Process(target=_called, args=(call.function, call.arguments, output), daemon=False)
-        self._process.start()
+        context.set_forkserver_preload([call.imported or call.function.partition(":")[0]])
+        self._process = context.Process(target=_called, args=(call, output), daemon=False)
+        with _added(call.environment):
+            self._process.start()
         assert self._process.pid is not None, "it has started"
         self.pid = self._process.pid
 
@@ -154,8 +162,23 @@ class _Forked:
         self._process.kill()
 
 
-def _called(function: str, arguments: Sequence[str], output: str) -> None:
-    """Call a function in this process, the first of a session, with all that it writes going to a file."""
+@contextmanager
+def _added(environment: Mapping[str, str]) -> Iterator[None]:
+    """Variables added to this process's environment, which those that it starts meanwhile inherit."""
+    before = {name: os.environ.get(name) for name in environment}
+    os.environ.update(environment)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _called(call: Call, output: str) -> None:
+    """Make a call in this process, the first of a session, with all that it writes going to a file."""
     os.setsid()
     try:
         file = os.open(output, os.O_WRONLY | os.O_APPEND)
@@ -164,8 +187,9 @@ def _called(function: str, arguments: Sequence[str], output: str) -> None:
     for stream in (1, 2):
         os.dup2(file, stream)
     os.close(file)
-    module, _, name = function.partition(":")
-    getattr(import_module(module), name)(*arguments)
+    os.environ.update(call.environment)
+    module, _, function = call.function.partition(":")
+    getattr(import_module(module), function)(*call.arguments)
 
 
 class _Process:

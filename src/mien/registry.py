@@ -68,7 +68,7 @@ def code_of(name: str) -> Path | None:
     module, _, cls = name.partition(":")
     if module in TRACKERS or not cls:
         return None
-    sys.path.insert(0, "")  # as for `python -m`, which runs it
+    sys.path.insert(0, "")  # as for `python -c`, which runs it
     try:
         found = find_spec(module)
     except (ImportError, ValueError):

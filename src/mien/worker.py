@@ -1,5 +1,5 @@
-"""The command line in a process that is forked from one which has imported this: what tracking a video needs, of code
-and compiled kernels, is there already.
+"""The command line, and the jobs of an evaluation, in processes that are forked from one which has imported this: what
+tracking a video needs, of code and compiled kernels, is there already.
 
 Nothing here starts a thread, which a forked process would be without, but for one of Arrow's allocator, which knows of
 forks.
@@ -16,7 +16,7 @@ from mien.initialization.detector import import_solution
 from mien.output.columns import import_pandas
 from mien.tracking import first_run
 
-for _module in ("mien.faces", "mien.tracking.realtime", "pyarrow.csv", "pyarrow.parquet"):
+for _module in ("mien.evaluation.job", "mien.faces", "mien.tracking.realtime", "pyarrow.csv", "pyarrow.parquet"):
     import_module(_module)
 import_pandas()
 for _solution in (("face_mesh", "FaceMesh"), ("face_detection", "FaceDetection")):

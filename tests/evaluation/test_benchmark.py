@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,13 @@ import pytest
 
 from evaluation import tiny
 from mien.errors import MienError
+from mien.evaluation import benchmark
 from mien.evaluation.benchmark import _chosen, run_plan, track_job
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.scores import load_scores
-from mien.processes import Command, run_commands
+from mien.processes import Call, Command, Ended, run_commands
 
 STILL, SHIFTED = "evaluation.tiny:Still", "evaluation.tiny:Shifted"
 
@@ -110,18 +112,38 @@ def test_timings_come_from_runs_of_their_own(tmp_path: Path) -> None:
     assert load_scores(plan.out).timings == (timing,)
 
 
-def test_openface_output_beside_a_tracker(tmp_path: Path) -> None:
+@pytest.mark.parametrize("forked", [False, True])
+def test_openface_output_beside_a_tracker(forked: bool, tmp_path: Path) -> None:
     folder = tmp_path / "openface"
     folder.mkdir()
     rows = "\n".join(f"{i + 1}, {i / 25}, 1, 0, 0.1, 0" for i in range(tiny.FRAMES))
     (folder / "a_uniform1.csv").write_text(f"frame, timestamp, success, pose_Rx, pose_Ry, pose_Rz\n{rows}\n")
     plan = _plan(tmp_path, f"openface:{folder}", names=("a_uniform1", "b_wide1"))
-    run_plan(replace(plan, timed=1))
+    run_plan(replace(plan, timed=1), forked=forked)
     read = _result(plan, "openface:openface")
     assert read.track is not None
     assert not read.track.lost.any()
     assert "no such file" in _result(plan, "openface:openface", "b_wide1").failure
     assert not (plan.out / "timing").exists()
+
+
+def test_what_may_be_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not timed, of trackers of mien: those of your own have a new process, a timed one is as it was."""
+    asked: list[tuple[str, bool]] = []
+
+    def run(
+        commands: list[Command | Call], jobs: int, limit: float, started: Callable[[str], None], forked: bool
+    ) -> Iterator[Ended]:
+        asked.extend((command.name.partition(" · ")[0], forked and isinstance(command, Call)) for command in commands)
+        for command in commands:
+            started(command.name)
+        return run_commands(commands, jobs, limit)
+
+    monkeypatch.setattr(benchmark, "run_commands", run)
+    plan = _plan(tmp_path, STILL, "saragih-2011")
+    run_plan(replace(plan, timed=1), forked=True)
+    assert asked[:3] == [("first frame", True), (STILL, False), ("saragih-2011", True)]
+    assert asked[3:] == [(f"timing {STILL}", False), ("timing saragih-2011", False)]
 
 
 def test_settings_of_a_file_are_a_tracker_of_their_own(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ their checksums. A failure is tried again. Timings are measured after everything
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from hashlib import sha256
@@ -22,7 +21,7 @@ from mien.evaluation.job import Job
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
-from mien.processes import Command, Progress, run_commands
+from mien.processes import Call, Command, Progress, run_commands
 from mien.registry import code_of, file_of
 
 DEFAULT_TIME_LIMIT = 1800.0
@@ -44,8 +43,11 @@ def run_plan(
     jobs: int = 1,
     time_limit: float = DEFAULT_TIME_LIMIT,
     progress: Progress = lambda done, total, name: None,
+    forked: bool = False,
 ) -> Evaluation:
-    """Run what is missing. Raises MienError where the plan cannot be begun; a failed sequence is a result."""
+    """Run what is missing. forked: whether processes may be forked, as of `mien.batch.track_all`; those that are timed,
+    and of trackers of your own, are new ones all the same. Raises MienError where the plan cannot be begun; a failed
+    sequence is a result."""
     _checksum.cache_clear()
     sequences = _chosen(load_dataset(plan.dataset, plan.root), plan.sequences)
     _require_same_dataset(plan)
@@ -61,7 +63,8 @@ def run_plan(
         command_of(plan),
     )
     evaluation.save(plan.out)
-    run = partial(_run, time_limit=time_limit, progress=progress)
+    timed = partial(_run, time_limit=time_limit, progress=progress)
+    run = partial(timed, forked=forked)
     faceless = run([j for s in sequences if not Path((j := first_frame_job(plan, s)).out).exists()], jobs)
     no_face = {job.sequence: reason for job, reason in faceless}
     for tracker in plan.trackers:
@@ -76,7 +79,7 @@ def run_plan(
         jobs,
         on_failure=lambda job, reason: _save_failure(job, kinds[job.sequence], reason),
     )
-    run([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1)
+    timed([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1)
     return evaluation
 
 
@@ -152,6 +155,7 @@ def _run(
     time_limit: float,
     progress: Progress,
     on_failure: Callable[[Job, str], None] = lambda job, reason: None,
+    forked: bool = False,
 ) -> list[tuple[Job, str]]:
     """Run jobs; those that failed, and why."""
     commands = [_command(job) for job in jobs]
@@ -161,7 +165,7 @@ def _run(
         Path(job.out).parent.mkdir(parents=True, exist_ok=True)
     if commands:
         progress(0, len(jobs), commands[0].name)
-    ended = run_commands(commands, at_once, time_limit, started.append)
+    ended = run_commands(commands, at_once, time_limit, started.append, forked)
     for done, one in enumerate(ended, 1):
         progress(done, len(jobs), started[-1])
         if one.reason:
@@ -170,10 +174,12 @@ def _run(
     return failed
 
 
-def _command(job: Job) -> Command:
+def _command(job: Job) -> Command | Call:
+    """What a job's process does. A tracker of your own has one in which nothing was imported before."""
     name = {"landmarks": "first frame", "track": job.label, "time": f"timing {job.label}"}[job.task]
-    arguments = (sys.executable, "-m", "mien.evaluation.job", job.to_json())
-    return Command(f"{name} · {job.sequence}", arguments, ONE_THREAD)
+    arguments = (job.to_json(),)
+    call = Call(f"{name} · {job.sequence}", "mien.evaluation.job:main", arguments, ONE_THREAD, "mien.worker")
+    return call.command if code_of(job.tracker) else call
 
 
 def _save_failure(job: Job, kind: str, reason: str) -> None:

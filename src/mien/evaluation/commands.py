@@ -31,6 +31,7 @@ def evaluate(
     sequences: Sequence[str] = (),
     timed: int = 1,
     quiet: bool = False,
+    forked: bool = False,
 ) -> Path:
     """Run trackers on a data set, continue where an earlier run stopped, and write an HTML report; its path.
 
@@ -40,7 +41,7 @@ def evaluate(
         dataset, path, out, _named(trackers), protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed
     )
     with progress_bar("reading the data set", quiet) as progress:
-        run_plan(plan, jobs, time_limit, progress)
+        run_plan(plan, jobs, time_limit, progress, forked)
     scores = load_scores(out)
     written = write_report(scores, out, "html")
     if not quiet:

@@ -1,4 +1,4 @@
-"""One piece of an evaluation, in a process of its own: `python -m mien.evaluation.job JSON`.
+"""One piece of an evaluation, in a process of its own: `main(JSON)`.
 
 A job finds the landmarks of a first frame, tracks a sequence, or times a tracker on it. It writes one file;
 where it cannot, it prints one sentence and ends with status 1.
@@ -57,10 +57,10 @@ def run(job: Job) -> None:
     tasks[job.task](job, _sequence(job))
 
 
-def main() -> None:
-    """Run the job of the command line; a sentence and status 1 where it fails."""
+def main(job: str) -> None:
+    """Run a job, given as JSON, and end the process with a sentence and status 1 where it fails."""
     try:
-        run(Job(**json.loads(sys.argv[1])))
+        run(Job(**json.loads(job)))
     except MienError as e:
         sys.exit(f"{SENTENCE}{e}")
     except Exception as e:
@@ -105,7 +105,3 @@ def _time(job: Job, sequence: Sequence) -> None:
     landmarks = read_landmarks(job.landmarks)
     timing = time_sequence(partial(create_tracker, job.tracker), sequence, landmarks, job.label, job.settings)
     timing.save(Path(job.out))
-
-
-if __name__ == "__main__":
-    main()
