@@ -102,6 +102,7 @@ class RealtimeSettings(Settings):
         0.08, gt=0, description="the same at the corners of the mouth, beside which skin stays"
     )
     motion_iterations: int = Field(8, ge=1)
+    motion_tolerance: float = Field(3.0, gt=0, description="least gain of an iteration, in units of the pixels' energy")
     motion_robust_factor: float = Field(1.2, gt=0, description="residual over the usual one: weight a quarter")
     motion_noise: float = Field(100.0, gt=0, description="variance of the measured motion, over independent pixels'")
     motion_rotation_deg: float = Field(0.32, ge=0, description="its systematic error: standard deviation by frame")

@@ -21,9 +21,7 @@ assert not first_run._is_kept()
 estimates = run(RealtimeTracker(), small_motion())
 assert all(e.status.success for e in estimates)
 assert first_run._is_kept()
-solver = first_run.DESCRIBE, first_run.POLYNOMIAL, first_run.SOLVE
-frame = first_run.RESAMPLE, first_run.TAKE_PATCHES, first_run.ALIGN, first_run.PRODUCTS, first_run.PLACE
-for kernel, arguments in solver + frame:
+for kernel, arguments in (*first_run._BESIDE, *first_run._HERE):
     assert kernel.signatures == [arguments], kernel
 print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """
@@ -56,7 +54,7 @@ def test_without_another_python_nothing_is_lost(executable: str, monkeypatch: py
 
 @pytest.mark.usefixtures("first_time")
 def test_the_other_process_ends_with_its_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(first_run, "_BESIDE", "import time; time.sleep(60)")
+    monkeypatch.setattr(first_run, "_PROGRAM", "import time; time.sleep(60)")
     tracker = RealtimeTracker()
     helper = tracker.compiled.helper
     assert helper is not None
@@ -69,7 +67,7 @@ def test_the_other_process_ends_with_this_one() -> None:
     script = """
 from mien.tracking import first_run
 
-first_run._BESIDE = "import time; time.sleep(60)"
+first_run._PROGRAM = "import time; time.sleep(60)"
 first_run._is_kept = lambda: False
 first_run._processors = lambda: 2
 compiled = first_run.CompiledBeside()

@@ -179,9 +179,10 @@ def test_patches_that_are_alike_on_all_faces_do_not_say_whose_this_is(tracker: R
         Motion(tracker.face.patches, tracker.settings),
     ):
         motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
-        patches, seen = motion.seen[0]
+        patches, norms, seen = motion.seen[0]
         motion.remember(noise, person, tracker.pose.arrays, view.geometry, weight)
-        motion.seen[-1] = (np.where(alike[:, None], patches, motion.seen[-1][0]), seen)
+        noisy, noisy_norms, _ = motion.seen[-1]
+        motion.seen[-1] = np.where(alike[:, None], patches, noisy), np.where(alike, norms, noisy_norms), seen
         found.append(motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)[0])
     assert found[0] < 0.5
     assert found[1] > 0.99

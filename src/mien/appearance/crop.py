@@ -40,9 +40,16 @@ class Crop:
         c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
         return np.array([[c, s], [-s, c]])
 
+    @cached_property
+    def offset(self) -> Array:
+        """(2,) where the image's origin lies in the crop."""
+        c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
+        (x, y), middle = self.centre, 0.5 * (self.size - 1)
+        return np.array([middle - (c * x + s * y), middle - (c * y - s * x)])
+
     def to_crop(self, p: Array) -> Array:
         """(..., 2) image pixels -> (..., 2) crop pixels."""
-        return np.asarray((p - np.array(self.centre)) @ self.linear.T + 0.5 * (self.size - 1))
+        return np.asarray(p @ self.linear.T + self.offset)
 
     def to_image(self, q: Array) -> Array:
         """(..., 2) crop pixels -> (..., 2) image pixels."""

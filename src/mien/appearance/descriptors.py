@@ -17,6 +17,7 @@ A point's keypoint size in OpenCV's terms is `cell * 2 / 3`: a cell is 3 sizes /
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import cv2
@@ -41,13 +42,19 @@ def orientation_maps(gray: Float32, cell: int, angle: float = 0.0) -> Float32:
     """
     height, width = gray.shape
     length = width * ORIENTATIONS
-    triangle = np.arange(cell, -1, -1, dtype=np.float32) / cell**2
+    triangle = _triangle(cell)
     turned = 8.0 - angle / (0.25 * math.pi)  # in units of 45 degrees, and positive
     maps = np.empty((height, width, ORIENTATIONS), np.float32)
     rows = np.zeros((2 * cell - 1, length), np.float32)
     row = np.zeros(length + 2 * cell * ORIENTATIONS, np.float32)
     _orientation_maps(gray, turned, triangle, rows, row, maps.reshape(height, length))
     return maps
+
+
+@cache
+def _triangle(cell: int) -> Float32:
+    """Half of the filter, (cell + 1,), from the middle to the first zero."""
+    return np.asarray(np.arange(cell, -1, -1, dtype=np.float32) / cell**2)
 
 
 def describe(

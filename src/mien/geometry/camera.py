@@ -51,9 +51,11 @@ class Camera:
 
         (..., 3) in camera axes -> (..., 2) in pixels, (...) bool. Points behind the camera come back as NaN.
         """
-        valid = X[..., 2] > 1e-6
-        scale = self.focal_px / np.where(valid, X[..., 2], np.nan)
-        return X[..., :2] * scale[..., None] + np.array([self.cx, self.cy]), valid
+        z = X[..., 2:]
+        valid = z > 1e-6
+        points = X[..., :2] * (self.focal_px / np.where(valid, z, np.nan))
+        points += self.vector[1:]
+        return points, valid[..., 0]
 
     def in_image(self, X: Array, width: int, height: int) -> NDArrayBool:
         """Which camera points (..., 3) are seen in an image of this size in pixels: (...) bool."""

@@ -19,10 +19,10 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
-from mien.tracking import eyes, kernels, motion
+from mien.tracking import definite, eyes, kernels, motion, shape, uncertainty
 
 _PATIENCE_S = 120
-_BESIDE = "from mien.tracking import first_run; first_run.compile_beside()"
+_PROGRAM = "from mien.tracking import first_run; first_run.compile_beside()"
 
 
 def _array(dimensions: int, entry: Any = types.float64) -> Any:
@@ -41,6 +41,7 @@ _APPEARANCE = types.Tuple((_single(3), _single(2), _single(3), _single(2), _sing
 _READING = types.Tuple((types.int64, *[types.float64] * 3))
 _POINT = types.UniTuple(types.float64, 2)
 _ROOM = types.Tuple((_single(3), *(_array(k) for k in (4, 3, 2, 4, 2, 3, 2))))
+_PATCHES = types.Tuple((_single(2), _array(1), _array(1)))
 _TEMPLATE = types.Tuple((_single(2), _array(1), _single(3), _array(3), _array(3)))
 
 Kernel = tuple[Any, tuple[Any, ...]]
@@ -59,26 +60,52 @@ ALIGN: Kernel = (
     motion.align,
     (_single(2), _PERSON, _array(3), _TEMPLATE, _array(1), _PRIOR, _VIEW, types.float64, types.int64, types.float64),
 )
+POSED: Kernel = kernels.posed, (_PERSON, *_POSE)
+MISPLACED: Kernel = kernels.misplaced, (_array(2), _array(3), _array(1))
+MISPLACEMENT: Kernel = kernels.misplacement, (_array(3), _array(2), types.float64)
+FIRM: Kernel = kernels.firm, (*[_array(1)] * 3, types.float64)
+SHAPE: Kernel = shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))
+AGREEMENT: Kernel = motion._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))
+INVERSE: Kernel = definite._inverse, (_array(2),)
+OF_TURN: Kernel = uncertainty._of_turn_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, types.float64)
 """Kernels, and the types of what tracking calls them with."""
+
+_BESIDE = DESCRIBE, POLYNOMIAL, SOLVE, SHAPE
+"""What the other process compiles: first of what the solver calls that with which the face is learned meanwhile."""
+_HERE = (
+    RESAMPLE,
+    TAKE_PATCHES,
+    ALIGN,
+    PRODUCTS,
+    PLACE,
+    INVERSE,
+    OF_TURN,
+    AGREEMENT,
+    POSED,
+    MISPLACED,
+    MISPLACEMENT,
+    FIRM,
+)
+"""What takes this one as long, once it has learned the face. What is in neither is compiled in no time."""
 
 
 def compile_beside() -> None:
-    """What the other process does: first of what the solver calls that with which the face is learned meanwhile."""
+    """What the other process does."""
     gc.disable()  # a tenth of its time, for a process that ends soon
-    for kernel in (DESCRIBE, POLYNOMIAL, SOLVE):
+    for kernel in _BESIDE:
         _compile(kernel)
 
 
 def read_kept() -> None:
     """Read from disk what was compiled before; nothing where there is nothing."""
     if _is_kept():
-        for kernel in (DESCRIBE, POLYNOMIAL, SOLVE, RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE):
+        for kernel in (*_BESIDE, *_HERE):
             _compile(kernel)
 
 
 class CompiledBeside:
-    """`kernels.solve`, compiled in another process from now on, unless it is on disk already or there is one processor
-    alone. That process ends with this object, or with this process."""
+    """What takes longest, compiled in another process from now on, unless it is on disk already or there is but one
+    processor. That process ends with this object, or with this process."""
 
     def __init__(self) -> None:
         self.helper = None if _is_kept() or _processors() < 2 else _start()
@@ -89,7 +116,7 @@ class CompiledBeside:
         """Compile here what else a frame needs, and wait for the other process."""
         if self.helper is None:
             return
-        for kernel in (RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE):
+        for kernel in _HERE:
             _compile(kernel)
         with suppress(subprocess.TimeoutExpired):
             self.helper.wait(_PATIENCE_S)
@@ -130,7 +157,7 @@ def _start() -> subprocess.Popen[bytes] | None:
     path = os.pathsep.join(str(Path(p).resolve()) for p in sys.path)
     with suppress(OSError):
         return subprocess.Popen(
-            [sys.executable, "-c", _BESIDE],
+            [sys.executable, "-c", _PROGRAM],
             env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"},
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip

@@ -50,6 +50,15 @@ def ray_to(point: Any, R: Any, t: Any) -> Any:
 
 
 @kernel()
+def seen_along(point: Any, R: Any, t: Any) -> Any:
+    """`ray_to` (3, 3) a point, and tilt and pan (2,) in radians of the head along it."""
+    ray = ray_to(point, R, t)
+    angles = np.empty(2)
+    angles[0], angles[1], _ = angles_along(ray, R)
+    return ray, angles
+
+
+@kernel()
 def angles_along(ray: Any, R: Any) -> Any:
     """`view_angles` of a head with rotation R (3, 3) that is seen along a ray, given by the rotation (3, 3) from the
     optical axis to it."""
@@ -108,6 +117,17 @@ def landmark(i: int, person: Any, a: Any) -> Any:
     neutral, units = person
     x, y, z = moved(i, units, a)
     return neutral[i, 0] + x, neutral[i, 1] + y, neutral[i, 2] + z
+
+
+@kernel()
+def posed(person: Any, R: Any, t: Any, a: Any) -> Any:
+    """Landmarks (n, 3) in camera axes."""
+    X = np.empty((person[0].shape[0], 3))
+    for i in range(X.shape[0]):
+        x, y, z = landmark(i, person, a)
+        x, y, z = rotated(R, x, y, z)
+        X[i, 0], X[i, 1], X[i, 2] = x + t[0], y + t[1], z + t[2]
+    return X
 
 
 @kernel()
@@ -292,6 +312,16 @@ def misplacement(M: Any, g: Any, most: float) -> Any:
     return out
 
 
+@kernel(inline="always")
+def insert(value: float, ordered: Any, count: int) -> None:
+    """Put a value where it belongs among the first `count` of an ordered array, which has room for it."""
+    k = count
+    while k > 0 and ordered[k - 1] > value:
+        ordered[k] = ordered[k - 1]
+        k -= 1
+    ordered[k] = value
+
+
 @kernel()
 def rotate(w: Any, R: Any) -> Any:
     """exp(w) R (Rodrigues): (3,), (3, 3) -> (3, 3)."""
@@ -406,8 +436,8 @@ def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
 
 
 @kernel()
-def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
-    """Add one landmark's w B^T M B to the upper triangle of H (12, 12), and its w B^T g to G (12,)."""
+def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
+    """Add one landmark's w B^T M B to the upper triangle of H (12, 12), and its w B^T g to G (12,). Returns M B."""
     MB = transposed_product(M, B)  # M is symmetric
     for r in range(STATE):
         for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
@@ -415,6 +445,7 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> None:
             G[r] += x * g[k]
             for c in range(r, STATE):
                 H[r, c] += x * MB[k, c]
+    return MB
 
 
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before

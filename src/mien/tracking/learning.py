@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mien.appearance.rendering import Image, Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
 from mien.appearance.texture import texture_of_vertices
 from mien.appearance.views import CENTRE, crop_of_face, rotation
+from mien.compiled import kernel
 from mien.config import DescriptorSettings, RealtimeSettings
 from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
@@ -56,23 +57,51 @@ class Level:
 
     def depth_behind(self, angles: Array) -> Float32:
         """How far (n,) the landmarks lie behind the face's own surface, by the view nearest to a tilt and pan (2,)."""
-        row, column = np.abs(self.views - angles[:, None]).argmin(axis=1)
-        return np.asarray(self.behind[row, column])
+        return np.asarray(self.behind[_nearest(self.views[0], angles[0]), _nearest(self.views[1], angles[1])])
 
     def lack_of_fit(self, angles: Array) -> Float32:
         """Squared distance (n,) between what landmarks look like at a tilt and pan (2,) and what the appearance says
         there, of the nearest four views, weighed by how near they are."""
         k = self.views.shape[1]
-        table = self.appearance.lack_of_fit.reshape(k, k, -1)
-        for known, angle in zip(self.views.tolist(), angles.tolist(), strict=True):
-            i = min(max(bisect(known, angle) - 1, 0), k - 2)
-            f = min(max((angle - known[i]) / (known[i + 1] - known[i]), 0.0), 1.0)
-            table = (1 - f) * table[i] + f * table[i + 1]
-        return np.asarray(table)
+        fit: Float32 = _between(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
+        return fit
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
         """The crop of a frame that holds a face at a pose, upright for the face."""
         return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
+
+
+@kernel()
+def _nearest(views: Any, angle: float) -> int:
+    """Which of the views' angles (k,) is nearest to one."""
+    nearest = 0
+    for k in range(views.size):
+        if abs(views[k] - angle) < abs(views[nearest] - angle):
+            nearest = k
+    return nearest
+
+
+@kernel()
+def _between(table: Any, views: Any, angles: Any) -> Any:
+    """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,): bilinear between the
+    nearest four views, and constant beyond the last."""
+    row, down = _place(views[0], angles[0])
+    column, right = _place(views[1], angles[1])
+    a, b, c, d = table[row, column], table[row, column + 1], table[row + 1, column], table[row + 1, column + 1]
+    out = np.empty(a.size, np.float32)
+    for i in range(out.size):
+        out[i] = (1 - down) * ((1 - right) * a[i] + right * b[i]) + down * ((1 - right) * c[i] + right * d[i])
+    return out
+
+
+@kernel()
+def _place(views: Any, angle: float) -> Any:
+    """Index of the view before an angle, of those at increasing angles (k,), and how far it is to the next one, in
+    [0, 1]."""
+    k = 0
+    while k < views.size - 2 and views[k + 1] <= angle:
+        k += 1
+    return k, min(max((angle - views[k]) / (views[k + 1] - views[k]), 0.0), 1.0)
 
 
 @dataclass(frozen=True)

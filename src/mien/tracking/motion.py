@@ -30,6 +30,7 @@ from mien.tracking.kernels import (
     add_prior,
     differentiate,
     in_crop,
+    insert,
     landmark,
     lens_of,
     rotate,
@@ -76,9 +77,9 @@ class Motion:
         self.template: tuple[Array, ...] | None = None
         self.weight = np.zeros(len(patches))
         self.agreement = np.ones(len(patches))
-        self.seen: deque[tuple[Array, Array]] = deque(maxlen=LOOK_BACK + 1)
+        self.seen: deque[tuple[Array, ...]] = deque(maxlen=LOOK_BACK + 1)
         self.later: deque[float] = deque(maxlen=_LASTING)
-        self.kept: tuple[Array, Array] | None = None
+        self.kept: tuple[Array, ...] | None = None
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
@@ -93,20 +94,20 @@ class Motion:
         """
         self.template = take_patches(image, person, self.patches, pose, view)
         values, norms = self.template[:2]
-        patches, self.weight = values / np.maximum(norms, 1e-3)[:, None], weight
-        self.seen.append((patches, weight))
+        self.weight = weight
+        self.seen.append((values, norms, weight))
         if len(self.seen) == 1:
             return 0.0, 0.0
-        (earlier, earlier_weight), (last, last_weight) = self.seen[0], self.seen[-2]
-        correlation = (last * patches).sum(axis=1)
+        earlier, last, now = self.seen[0], self.seen[-2], self.seen[-1]
+        correlation, lately = _agreement(last, now, self.telling, last[2])
         self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
         np.minimum(self.agreement, correlation, out=self.agreement)
-        self.later.append(_median((earlier * patches).sum(axis=1), self.telling * np.minimum(earlier_weight, weight)))
-        return _median(correlation, self.telling * last_weight), max(self.later)
+        self.later.append(_agreement(earlier, now, self.telling, weight)[1])
+        return lately, max(self.later)
 
     def disregard(self, landmarks: Mask) -> None:
         """Take these landmarks (n,) of the last frame for something else's."""
-        self.weight[landmarks] = self.seen[-1][1][landmarks] = 0
+        self.weight[landmarks] = self.seen[-1][2][landmarks] = 0
 
     def keep(self, wanted: bool = True) -> None:
         """Keep the patches of 12 frames ago, before something came between; or, unless they are wanted, none."""
@@ -116,8 +117,7 @@ class Motion:
         """Whether the face shows the patches that were kept, by their median correlation; once."""
         if self.kept is None:
             return False
-        (kept, kept_weight), (patches, weight) = self.kept, self.seen[-1]
-        again = _median((kept * patches).sum(axis=1), self.telling * np.minimum(kept_weight, weight)) > least
+        again: bool = _agreement(self.kept, self.seen[-1], self.telling, self.seen[-1][2])[1] > least
         if again:
             self.kept = None
         return again
@@ -130,26 +130,46 @@ class Motion:
         s = self.settings
         R, t, a, information = align(
             image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
-            s.motion_iterations, s.tolerance,
+            s.motion_iterations, s.motion_tolerance,
         )  # fmt: skip
         return (R, t, a), inverse_definite(information / s.motion_noise + prior[3])
 
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
         s = step.tolist()
-        length = np.array([math.hypot(*s[:3])] * 3 + [math.hypot(*s[3:6])] * 3 + s[6:])
-        return np.asarray(self.least_drift + (self.settings.motion_share * length) ** 2)
+        turned, moved = math.hypot(*s[:3]), math.hypot(*s[3:6])
+        length = np.array([turned, turned, turned, moved, moved, moved, *s[6:]])
+        return np.asarray(self.least_drift + self.settings.motion_share**2 * length * length)
 
 
-def _median(correlation: Array, weight: Array) -> float:
-    """Of the correlations (n,) of patches that are the face's by their weight (n,); where hardly one is, the whole face
-    may look strange, and all count that can be seen."""
-    face = weight > _OF_THE_FACE
-    of_face = correlation[face if np.count_nonzero(face) >= _LEAST_PATCHES else weight > 0]
-    if len(of_face) < _LEAST_PATCHES:
-        return 0.0
-    ordered = np.sort(of_face)  # at a tenth of the time of np.median
-    return float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
+@kernel()
+def _agreement(before: Any, now: Any, telling: Any, weight: Any) -> Any:
+    """Correlations (n,) of patches with earlier ones, and the median of those that tell a face from another (n,).
+
+    before, now: values (n, m) less their mean, norms (n,), and how far each patch is the face's (n,); weight: (n,) the
+    same of now, as far as it matters. Where hardly one is the face's, the whole face may look strange, and all count
+    that can be seen; 0 where these are too few.
+    """
+    earlier, earlier_norms, earlier_weight = before
+    values, norms, _ = now
+    n, m = values.shape
+    correlation, face, seen = np.empty(n), np.empty(n), np.empty(n)
+    of_face, of_seen = 0, 0
+    for i in range(n):
+        product = np.float32(0.0)
+        for j in range(m):
+            product += earlier[i, j] * values[i, j]
+        correlation[i] = product / (max(earlier_norms[i], 1e-3) * max(norms[i], 1e-3))
+        known = telling[i] * min(earlier_weight[i], weight[i])
+        if known > 0.0:
+            insert(correlation[i], seen, of_seen)
+            of_seen += 1
+        if known > _OF_THE_FACE:
+            insert(correlation[i], face, of_face)
+            of_face += 1
+    ordered, count = (face, of_face) if of_face >= _LEAST_PATCHES else (seen, of_seen)
+    median = 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2]) if count >= _LEAST_PATCHES else 0.0
+    return correlation, median
 
 
 @kernel()

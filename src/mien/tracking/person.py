@@ -79,7 +79,6 @@ class Person:
         brows = np.array(["brow" in name for name in TRACKED])
         self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
         self.mouth = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
-        self.closing_eyes = np.ascontiguousarray(face.fine.eyes[:, self.eyes])
         self.shape: ShapePosterior = (
             deepcopy(before.shape)
             if before
@@ -105,13 +104,12 @@ class Person:
 
     def posed(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
-        moved = (pose.animation @ self.units.reshape(6, -1)).reshape(-1, 3)
-        return np.asarray((self.neutral + moved) @ pose.R.T + pose.t)
+        X: Array = kernels.posed(self.arrays, *pose.arrays)
+        return X
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed. before: the same of the last frame."""
-        eyes = self.eyes
-        return closing_of(solution.residual[eyes], self.closing_eyes, solution.facing[eyes], before)
+        return closing_of(solution.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
 
     def adapted(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""
@@ -133,8 +131,7 @@ class Person:
     def learn(self, solution: Solution, agreement: Array) -> None:
         """From a frame in which the face looks as it should. agreement: (n,) of each patch with the motion before."""
         s, w = self.settings, solution.w
-        trusted = solution.facing & (w > TRUSTED)
-        self.expected[trusted] += s.expectation_rate * (solution.d2[trusted] - self.expected[trusted])
+        self.expected += s.expectation_rate * (solution.facing & (w > TRUSTED)) * (solution.d2 - self.expected)
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         np.maximum(self.expected, s.least_distance, out=self.expected)
         self._weigh(solution)
@@ -172,7 +169,8 @@ class Person:
 
     def _turned_deg(self, solution: Solution) -> float:
         """How far the face has turned from the first frame's view."""
-        return math.degrees(math.hypot(*(solution.pose.angles - self.adaptation.first)))
+        (tilt, pan), (first_tilt, first_pan) = solution.pose.angles.tolist(), self.adaptation.first.tolist()
+        return math.degrees(math.hypot(tilt - first_tilt, pan - first_pan))
 
     def _weigh(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""

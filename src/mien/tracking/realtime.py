@@ -43,10 +43,10 @@ from mien.tracking.uncertainty import (
     visibility,
 )
 
-_UPPER_LIDS, _LOWER_LIDS = (
-    np.array([LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")])
-    for lid in ("upper", "lower")
+_LIDS = np.array(
+    [[LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
 )
+"""Upper and lower ones."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 _KNOWN = 0.5
 """What `still_known` says of a face from which is learned how it looks when it has turned, and only where it is the
@@ -269,7 +269,7 @@ class RealtimeTracker:
         arrays, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*arrays)
         covariance += self.spread
-        covariance.flat[::13] += self.motion.drift(self.pose.step_to(pose))  # the diagonal
+        covariance.reshape(-1)[::13] += self.motion.drift(self.pose.step_to(pose))  # the diagonal
         return Prediction(pose, inverse_definite(covariance))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
@@ -295,7 +295,7 @@ class RealtimeTracker:
     def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw moves further in a frame than its patches reach: where they do not fit, try it elsewhere."""
         s = self.settings
-        if (best.d2 / self.person.expected)[JAW].mean() < s.jaw_retry_distance:
+        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_retry_distance * len(JAW):
             return best
         for jaw in _JAW_STARTS:
             if abs(jaw - best.pose.animation[JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
@@ -317,7 +317,7 @@ class RealtimeTracker:
         start = start or predicted.pose
         if view is None or not self._is_made_for(view, start):
             view = self._look(self.face.fine, frame, start)
-        view = replace(view, upright=start)
+        view = view.upright_at(start)
         solution = self._solve(view, start, predicted)
         if not self._is_made_for(view, solution.pose):
             view = self._look(self.face.fine, frame, solution.pose)
@@ -334,8 +334,7 @@ class RealtimeTracker:
         """The frame as one level sees it from a pose. What can be seen of the face is frozen here."""
         crop = level.crop(pose.R, pose.t, self.camera)
         image = crop.sample(frame, level.descriptor.blur)
-        offset = 0.5 * (crop.size - 1) - crop.linear @ np.array(crop.centre)
-        geometry = (self.camera_vector, crop.linear, offset, pose.ray)
+        geometry = (self.camera_vector, crop.linear, crop.offset, pose.ray)
         facing = kernels.visible(
             self.person.posed(pose), self.face.normals, pose.arrays[0], self.camera_vector, frame.width, frame.height,
             self.settings.hidden_cosine,
@@ -384,7 +383,8 @@ class RealtimeTracker:
         n = len(LANDMARK_NAMES)
         X, closing = self.person.posed(self.pose)[:n] + self.beside @ self.pose.R.T, self.closing
         if closing:
-            X[_UPPER_LIDS], X[_LOWER_LIDS] = closed_lids(X[_UPPER_LIDS], X[_LOWER_LIDS], closing.share)
+            lids = X[_LIDS]
+            X[_LIDS] = closed_lids(lids[0], lids[1], closing.share)
         seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, self.visible[:n], distance)

@@ -5,6 +5,7 @@ Both only propose poses; the tracker's own energy decides whether the face that 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,20 +70,22 @@ class Keyframes:
     def __init__(self, fit: FirstFrame, camera: Camera) -> None:
         self.fit, self.camera = fit, camera
         self.keyframes: list[Keyframe] = []
+        self.rotations = np.zeros((0, 9))
         self.searches = 0
 
     def is_new(self, R: Array) -> bool:
         """Whether a view at this rotation would add something."""
         if len(self.keyframes) >= _MOST_KEYFRAMES:
             return False
-        nearest = 1 + 2 * np.cos(_KEYFRAME_SPACING)  # the trace of a rotation by that angle
-        return all(float((k.R * R).sum()) < nearest for k in self.keyframes)
+        nearest = 1 + 2 * math.cos(_KEYFRAME_SPACING)  # the trace of a rotation by that angle
+        return max((self.rotations @ R.ravel()).tolist(), default=-1.0) < nearest
 
     def add(self, frame: Frame, R: Array, t: Array, animation: Array) -> None:
         """Keep a view."""
         size = round(_CROP_UNITS * KEYFRAME_PIXELS_PER_UNIT)
         crop = crop_of_face(R, t, self.camera, KEYFRAME_PIXELS_PER_UNIT, size)
         gray = np.clip(crop.sample(frame), 0, 255).astype(np.uint8)
+        self.rotations = np.vstack([self.rotations, R.ravel()])
         self.keyframes.append(Keyframe(R, t, animation, gray, crop_camera(self.camera, crop), self.fit))
 
     def find(self, frame: Frame, last: Array) -> tuple[Array, Array] | None:

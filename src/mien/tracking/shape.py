@@ -8,13 +8,16 @@ nearly the same pose repeat each other's systematic errors and count for less an
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
 from mien.tracking.definite import solve_definite
+from mien.tracking.kernels import STATE, add_landmark
 from mien.tracking.state import Mask
 
 _STEEPEST = 6.0
@@ -37,8 +40,9 @@ class ShapePosterior:
         self.start = neutral.copy()
         covariance = prior_covariance(neutral, normals, eyes, R, t, settings)
         self.information = np.linalg.inv(covariance)
-        self.vector = np.zeros(neutral.size)
         self.deeper = (_relief(neutral)[:, None] * _rays(neutral, R, t)).ravel()
+        # Two right sides: the information vector, which the frames fill, and the whole relief.
+        self.asked = np.stack([np.zeros(neutral.size), self.deeper], axis=1)
         self.slopes = np.linalg.pinv(np.column_stack([neutral[:, 1], -neutral[:, 0], np.ones(len(neutral))]))[:2]
         self.seen: dict[tuple[int, int], float] = {}
         self._solve()
@@ -61,14 +65,13 @@ class ShapePosterior:
     def add(self, neutral: Array, Lambda: Array, gradient: Array) -> Array:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
         self.information += Lambda
-        self.vector += Lambda @ (neutral - self.start).ravel() - gradient
+        self.asked[:, 0] += Lambda @ (neutral - self.start).ravel() - gradient
         self._solve()
         return self.mean
 
     def _solve(self) -> None:
         """Find `mean` and `relief_sd`."""
-        asked = np.stack([self.vector, self.deeper], axis=1)
-        found = solve_definite(self.information, asked)
+        found = solve_definite(self.information, self.asked)
         self.relief_sd = math.sqrt(self.deeper @ found[:, 1]) / float(self.deeper @ self.deeper)
         self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
 
@@ -76,26 +79,55 @@ class ShapePosterior:
         return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)
 
 
-def shape_information(B: Array, M: Array, g: Array, weight: Array, R: Array, regularizer: Array) -> tuple[Array, Array]:
+@kernel()
+def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: Any) -> Any:
     """What one frame says of the landmarks' positions, the pose and animation marginalised.
 
     B (n, 4, 12), M (n, 4, 4), g (n, 4): as left by `kernels.solve`; weight (n,); R (3, 3); regularizer (12,):
     information of the pose step's own prior. Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in
     head axes: the Schur complement of the pose step in the information of both.
     """
-    n = len(B)
-    weighted, MB = B * weight[:, None, None], M @ B
-    flat = weighted.reshape(-1, len(regularizer))
-    pose = flat.T @ MB.reshape(flat.shape) + np.diag(regularizer)
-    # A landmark's own place moves it as the translation does, but in head axes; the angles are moved by neither.
-    own = np.swapaxes(weighted[:, :, 3:6] @ R, 1, 2)
-    both = own @ MB
-    rows = both.reshape(3 * n, -1)
-    A = solve_definite(pose, rows.T)
-    Lambda = rows @ -A
-    k = np.arange(n)
-    Lambda.reshape(n, 3, n, 3)[k, :, k, :] += both[:, :, 3:6] @ R
-    return Lambda, (own @ g[:, :, None]).ravel() - (flat.T @ g.ravel()) @ A
+    n = B.shape[0]
+    H, G = np.zeros((STATE, STATE)), np.zeros(STATE)
+    Lambda, gradient = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
+    X = np.empty((STATE, 3 * n))  # the information of pose step and positions together, later L^-1 of it
+    for k in range(STATE):
+        H[k, k] = regularizer[k]
+    for i in range(n):
+        MB = add_landmark(M[i], g[i], B[i], weight[i], H, G)
+        for r in range(3):
+            # A landmark's own place moves it as the translation does, but in head axes, and does not move the angles.
+            u, v = 0.0, 0.0
+            for c in range(3):
+                u += weight[i] * B[i, 0, 3 + c] * R[c, r]
+                v += weight[i] * B[i, 1, 3 + c] * R[c, r]
+            gradient[3 * i + r] = u * g[i, 0] + v * g[i, 1]
+            for k in range(STATE):
+                X[k, 3 * i + r] = u * MB[0, k] + v * MB[1, k]
+            for c in range(3):
+                for k in range(3):
+                    Lambda[3 * i + r, 3 * i + c] += X[3 + k, 3 * i + r] * R[k, c]
+    for k in range(STATE):  # H = L L^T by Cholesky; L takes the place of its lower triangle, L^-1 G that of G
+        for j in range(k):
+            s = H[j, k]
+            for i in range(j):
+                s -= H[k, i] * H[j, i]
+            H[k, j] = s / H[j, j]
+            H[k, k] -= H[k, j] * H[k, j]
+            G[k] -= H[k, j] * G[j]
+            for c in range(3 * n):
+                X[k, c] -= H[k, j] * X[j, c]
+        H[k, k] = np.sqrt(max(H[k, k], 1e-12))
+        G[k] /= H[k, k]
+        for c in range(3 * n):
+            X[k, c] /= H[k, k]
+            gradient[c] -= G[k] * X[k, c]
+    for r in range(3 * n):
+        for k in range(0, STATE, 4):  # four at a time, as most of the time goes to fetching them
+            a, b, c, d = X[k, r], X[k + 1, r], X[k + 2, r], X[k + 3, r]
+            for j in range(3 * n):
+                Lambda[r, j] -= a * X[k, j] + b * X[k + 1, j] + c * X[k + 2, j] + d * X[k + 3, j]
+    return Lambda, gradient
 
 
 def prior_covariance(

@@ -39,15 +39,19 @@ class Pose:
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     @cached_property
+    def _seen(self) -> tuple[Array, Array]:
+        ray, angles = kernels.seen_along(CENTRE, self.arrays[0], self.t)
+        return ray, angles
+
+    @property
     def ray(self) -> Array:
         """(3, 3) rotation from the optical axis to the middle of the face."""
-        ray: Array = kernels.ray_to(CENTRE, self.arrays[0], self.t)
-        return ray
+        return self._seen[0]
 
-    @cached_property
+    @property
     def angles(self) -> Array:
         """(2,) tilt and pan in radians, as the camera sees them: of `kernels.view_angles`."""
-        return np.array(kernels.angles_along(self.ray, self.arrays[0])[:2])
+        return self._seen[1]
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
@@ -75,6 +79,10 @@ class View:
     image: Float32
     geometry: tuple[Array, ...]
     facing: Mask
+
+    def upright_at(self, pose: Pose) -> View:
+        """The same view, whose descriptors are read upright at a pose."""
+        return View(self.level, self.pose, pose, self.crop, self.image, self.geometry, self.facing)
 
     @cached_property
     def maps(self) -> Float32:
@@ -121,8 +129,9 @@ class Solution:
     def misfit(self, expected: Array, of: Mask | None = None) -> float:
         """Median, over the landmarks that can be seen (those of them that are `of` (n,)), of the squared distance over
         the expected one; infinite where there is none."""
-        ratio = np.sort((self.d2 / expected)[self.facing if of is None else self.facing & of])
-        return float(ratio[len(ratio) // 2]) if len(ratio) else np.inf
+        # Python sorts a few numbers faster than NumPy.
+        ratio = sorted((self.d2 / expected)[self.facing if of is None else self.facing & of].tolist())
+        return float(ratio[len(ratio) // 2]) if ratio else math.inf
 
     def seen(self, most: float) -> Mask:
         """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
