@@ -3,17 +3,32 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mien._version import __version__
+
+if TYPE_CHECKING:  # what editors and type checkers read; a name is loaded by `__getattr__`
+    from mien.candide.model import Candide
+    from mien.errors import MienError, MienWarning
+    from mien.faces import track_faces
+    from mien.frame import Frame
+    from mien.geometry.camera import Camera
+    from mien.initialization.landmarks import Landmarks
+    from mien.live import stream
+    from mien.output.track import Track
+    from mien.pipeline import track
+    from mien.tracking.state import Estimate, Status, Tracker
 
 # Loaded on first use, so that `import mien` and `mien --help` stay quick.
 _HOME = {
     "Camera": "mien.geometry.camera",
     "Candide": "mien.candide.model",
     "Estimate": "mien.tracking.state",
+    "Frame": "mien.frame",
     "Landmarks": "mien.initialization.landmarks",
     "MienError": "mien.errors",
+    "MienWarning": "mien.errors",
+    "Status": "mien.tracking.state",
     "Track": "mien.output.track",
     "Tracker": "mien.tracking.state",
     "stream": "mien.live",
@@ -24,8 +39,11 @@ __all__ = [
     "Camera",
     "Candide",
     "Estimate",
+    "Frame",
     "Landmarks",
     "MienError",
+    "MienWarning",
+    "Status",
     "Track",
     "Tracker",
     "__version__",
