@@ -77,6 +77,20 @@ def test_a_folder_of_images_gives_a_row_for_each_frame(tracker: StillTracker, fo
     assert "settings" not in track.metadata
 
 
+def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, tmp_path: Path) -> None:
+    def frames() -> Iterator[Frame]:
+        for index, image in enumerate(portrait_images()):
+            yield Frame(image, index, index / 30)
+        raise OSError("the camera was unplugged")
+
+    with pytest.raises(OSError, match="unplugged"), pytest.warns(MienWarning, match="stopped after 6 frames"):
+        mien.track(frames(), landmarks=known_portrait().landmarks, save=tmp_path / "out")
+    track = mien.Track.read(tmp_path / "out.csv")
+    np.testing.assert_allclose(track.time, np.arange(6) / 30, atol=1e-6)
+    assert track.metadata["video"]["name"] == "the frames"
+    assert track.metadata["stopped"] == "OSError: the camera was unplugged"
+
+
 @pytest.mark.parametrize(("pan_deg", "warned"), [(10, False), (25, True)])
 def test_a_face_that_is_turned_in_the_first_frame_is_warned_of(
     pan_deg: float, warned: bool, tracker: StillTracker, folder: Path, recwarn: pytest.WarningsRecorder

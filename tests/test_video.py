@@ -7,6 +7,7 @@ import tracemalloc
 import warnings
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,6 +45,46 @@ def test_gray_is_luminance() -> None:
     assert frame.gray.shape == (2, 3)
     assert np.all(frame.gray == 76)  # 0.299 of 255
     assert (frame.width, frame.height) == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "told"),
+    [
+        (np.zeros((4, 4), np.uint8), "an array (4, 4) of uint8"),
+        (np.zeros((4, 4, 4), np.uint8), "an array (4, 4, 4) of uint8"),
+        (np.zeros((4, 4, 3), np.uint16), "an array (4, 4, 3) of uint16"),
+        (np.zeros((4, 4, 3)), "an array (4, 4, 3) of float64"),
+        (np.zeros((0, 4, 3), np.uint8), "an array (0, 4, 3) of uint8"),
+        ([[[0, 0, 0]]], "<class 'list'>"),
+        (None, "<class 'NoneType'>"),
+    ],
+)
+def test_pixels_that_are_no_rgb_of_8_bits_are_refused(pixels: Any, told: str) -> None:
+    with pytest.raises(MienError, match="in RGB, as cv2") as raised:
+        Frame(pixels)
+    assert told in str(raised.value)
+
+
+def test_frames_of_a_program_are_a_video_that_is_shown_once() -> None:
+    given = [Frame(gradient(i), 2 * i, i / 30) for i in range(3)]
+    video = open_video(iter(given))
+    assert (video.path, video.frame_count) == (None, None)
+    assert list(video) == given
+    assert not list(video)
+
+
+def test_frames_of_a_program_are_of_one_size() -> None:
+    large = np.zeros((480, 640, 3), np.uint8)
+    with pytest.warns(MienWarning, match="the frames: frame 1 has 640x480 pixels"):
+        frames = list(open_video([Frame(gradient(0), 0), Frame(large, 1)]))
+    assert [f.pixels.shape for f in frames] == [gradient(0).shape] * 2
+
+
+def test_frames_of_a_program_are_frames_and_numbered() -> None:
+    with pytest.raises(MienError, match=r"is no frame; give each as mien\.Frame"):
+        next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
+    with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
+        list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
 
 
 def test_a_video_can_be_read_twice(video: Path) -> None:
@@ -230,7 +271,18 @@ def test_missing_file_and_empty_folder(tmp_path: Path) -> None:
 def test_camera_that_is_not_there() -> None:
     with pytest.raises(MienError, match="camera 97 cannot be opened"):
         next(iter(open_video(97)))
-    assert open_video("97").name == "camera 97"
+    assert open_video("97").name == open_video(np.int64(97)).name == "camera 97"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("source", [True, None, 1.0, b"x.mp4"])
+def test_what_is_no_source_of_frames(source: Any) -> None:
+    with pytest.raises(MienError, match="a video is a file, .*, not <class"):
+        open_video(source)
+
+
+def test_the_address_of_a_stream_is_no_file() -> None:
+    with pytest.raises(MienError, match=r"rtsp://host/x is no file; of a stream give the frames"):
+        open_video("rtsp://host/x")
 
 
 class Device:

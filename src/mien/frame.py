@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.errors import require
+
 Pixels = NDArray[np.uint8]
 
 
@@ -22,7 +24,9 @@ class Frame:
     """
 
     def __init__(self, pixels: Pixels | Decoded, index: int = 0, time: float = 0.0) -> None:
-        """pixels: (H, W, 3) uint8 RGB, or what gives them."""
+        """pixels: (H, W, 3) uint8 RGB, or what gives them. Raises MienError where they are anything else."""
+        if not isinstance(pixels, Decoded):
+            _check(pixels)
         self.image, self.index, self.time = pixels, index, time
         self.height, self.width = (int(n) for n in pixels.shape[:2])
 
@@ -100,6 +104,16 @@ class Decoded:
             return None
         rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
         return np.rot90(rows[:, :width], self.quarters)
+
+
+def _check(pixels: object) -> None:
+    """Refuse what is no image in RGB: values of 16 bits or fractions of one would be tracked as something else."""
+    told = f"an array {pixels.shape} of {pixels.dtype}" if isinstance(pixels, np.ndarray) else str(type(pixels))
+    require(
+        isinstance(pixels, np.ndarray) and pixels.dtype == np.uint8 and pixels.shape[2:] == (3,) and pixels.size > 0,
+        f"the pixels of a frame are {told}; give an array (height, width, 3) of uint8 in RGB, "
+        "as cv2.cvtColor(image, cv2.COLOR_BGR2RGB) makes it of an image that OpenCV has read",
+    )
 
 
 _converting = threading.Lock()

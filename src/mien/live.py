@@ -18,14 +18,14 @@ from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
 from mien.registry import create_tracker
 from mien.start import Footage, Patience, not_yet
 from mien.tracking.state import Estimate, Tracker
-from mien.video import open_video
+from mien.video import Source, open_video
 
 _DOUBTED = 0.1
 """Confidence below which this is hardly the face that was learned; of a lost one it is 0."""
 
 
 def stream(
-    video: str | Path | int,
+    video: Source,
     *,
     preset: str = DEFAULT_PRESET,
     camera: Camera | str | Path | None = None,
@@ -33,8 +33,8 @@ def stream(
     fov_deg: float | None = None,
     anew_after: float = math.inf,
 ) -> Iterator[tuple[Frame, Estimate]]:
-    """Every frame of a camera (its number), a video file or a folder of images with its estimate, as soon as it is
-    there.
+    """Every frame of a camera (its number), a video file or a folder of images, or of an iterable of `mien.Frame`, with
+    its estimate, as soon as it is there.
 
     preset, camera, focal_px, fov_deg: as of `mien.track`. The face is learned in the first frame that shows one that
     looks into the camera; after three seconds of waiting for that, as it is.

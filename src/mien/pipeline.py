@@ -32,7 +32,7 @@ from mien.registry import create_tracker, file_of
 from mien.start import TURNED_DEG, Footage, Start, asked, prepare
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
-from mien.video import Video, backwards, open_video
+from mien.video import Source, Video, backwards, open_video
 
 if TYPE_CHECKING:
     from mien.output.overlay import Mesh
@@ -70,7 +70,7 @@ class AxesTracker(Protocol):
 
 
 def track(
-    video: str | Path | int,
+    video: Source,
     *,
     preset: str = DEFAULT_PRESET,
     landmarks: Landmarks | str | Path | None = None,
@@ -88,7 +88,7 @@ def track(
     plot: str | Path | None = None,
     show: bool = False,
 ) -> Track:
-    """Track the face of a video file, a folder of images or a camera (its number).
+    """Track the face of a video file, a folder of images, a camera (its number) or an iterable of `mien.Frame`.
 
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
     camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:

@@ -1,4 +1,4 @@
-"""Where frames come from: a file, a folder of images, a camera.
+"""Where frames come from: a file, a folder of images, a camera, a program that reads them itself.
 
 Times are the container's own time stamps in seconds, also where the frame rate varies. Everything becomes
 RGB with 8 bits, upright as the container's rotation says, and its pixels square. A frame whose size differs from the
@@ -11,8 +11,9 @@ import itertools
 import math
 import re
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -40,7 +41,7 @@ _NARROWEST = 4.0
 class Video(Protocol):
     """Where frames come from; iterating decodes from the beginning.
 
-    path: the file or folder, None for a camera; fps: frames per second, on average;
+    path: the file or folder, None where every frame is shown once; fps: frames per second, on average;
     frame_count: how many frames to expect, None where nothing says so.
     """
 
@@ -55,16 +56,27 @@ class Video(Protocol):
     def __iter__(self) -> Iterator[Frame]: ...
 
 
-def open_video(source: str | Path | int) -> Video:
-    """The frames of a video file, of a folder of images sorted by name, or of a camera by its number.
+Source = str | Path | int | Iterable[Frame]
+"""A file, a folder of images, a camera's number, or frames that a program of yours reads."""
+
+
+def open_video(source: Source) -> Video:
+    """The frames of a video file, of a folder of images sorted by name, of a camera by its number, or these frames.
 
     Raises MienError where there is no such file or it is not a video.
     """
-    require(isinstance(source, (str, Path, int)), f"a video is a file, a folder or a number, not {type(source)}")
+    number = isinstance(source, Integral) and not isinstance(source, bool)
+    if isinstance(source, Iterable) and not isinstance(source, (str, bytes, np.ndarray)):
+        return GivenFrames(source)
+    require(
+        number or isinstance(source, (str, Path)),
+        f"a video is a file, a folder, a number or an iterable of mien.Frame, not {type(source)}",
+    )
     require(str(source) != "", "the name of the video is empty; give a file, a folder of images or a camera's number")
     path = Path(str(source))
-    if isinstance(source, int) or (str(source).isdecimal() and not path.exists()):
+    if number or (str(source).isdecimal() and not path.exists()):
         return CameraDevice(int(str(source)))
+    require("://" not in str(source), f"{source} is no file; of a stream give the frames, see mien.stream")
     require(path.exists(), f"{path}: no such file; check the name")
     return _open_folder(path) if path.is_dir() else _open_file(path)
 
@@ -268,6 +280,33 @@ class CameraDevice:
                 yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, now - first)
         finally:
             device.release()
+
+
+@dataclass(frozen=True)
+class GivenFrames:
+    """Frames that a program reads itself, each once, as of a camera; they end when it ends them."""
+
+    frames: Iterable[Frame]
+    path: None = None
+    frame_count: None = None
+    fps: float = 30.0
+    name: str = "the frames"
+
+    def __iter__(self) -> Iterator[Frame]:
+        return _one_size(self._checked(), self.name)
+
+    def _checked(self) -> Iterator[Frame]:
+        last = -1
+        for frame in self.frames:
+            require(
+                isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, seconds)"
+            )
+            require(
+                frame.index > last,
+                f"frame {frame.index} comes after frame {last}; number them, as mien.Frame(pixels, index, seconds)",
+            )
+            last = frame.index
+            yield frame
 
 
 def _open_file(path: Path) -> VideoFile:
