@@ -276,7 +276,7 @@ def test_camera_that_is_not_there() -> None:
 
 @pytest.mark.parametrize("source", [True, None, 1.0, b"x.mp4"])
 def test_what_is_no_source_of_frames(source: Any) -> None:
-    with pytest.raises(MienError, match="a video is a file, .*, not <class"):
+    with pytest.raises(MienError, match=r"a video is a file, .*, not <class"):
         open_video(source)
 
 

@@ -50,6 +50,11 @@ def track() -> Track:
     return Track.from_estimates([estimate(0), estimate(1), lost(2), estimate(3)], {"version": "1"})
 
 
+def test_a_track_says_of_itself_how_long_it_is(track: Track) -> None:
+    assert repr(track) == "<Track of 4 frames, 0.00 to 0.10 s, 1 lost>"
+    assert repr(Track(track.table.slice(0, 0))) == "<Track of 0 frames>"
+
+
 def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:
     names = ["frame", "face_id", "timestamp", "confidence", "success", "pose_Tx", "pose_Ty", "pose_Tz"]
     names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS, "eyes_closed"]

@@ -66,6 +66,10 @@ class Track:
     def __len__(self) -> int:
         return int(self.table.num_rows)
 
+    def __repr__(self) -> str:
+        span = f", {self.time[0]:.2f} to {self.time[-1]:.2f} s, {self.lost} lost" if len(self) else ""
+        return f"<Track of {len(self)} frames{span}>"
+
     @cached_property
     def index(self) -> Array:
         """(n,) index of each frame in its video, from 0."""
