@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -65,3 +66,27 @@ def test_a_file_that_is_not_there_and_one_that_nobody_reads(tmp_path: Path) -> N
         create_tracker("xiao-2003:own.json")
     assert file_of("realtime:own.json") == Path("own.json")
     assert file_of("realtime") is file_of("mymodule:MyTracker") is None
+
+
+OWN = """
+class Whole:
+    def initialize(self, frame, landmarks, camera): ...
+    def track(self, frame): ...
+
+class Half:
+    def track(self, frame): ...
+"""
+
+
+def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_trackers_here.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
+    assert type(create_tracker("own_trackers_here:Whole")).__name__ == "Whole"
+    assert "" not in sys.path
+    with pytest.raises(MienError, match="the module own_trackers_here has no class Hole"):
+        create_tracker("own_trackers_here:Hole")
+    with pytest.raises(MienError, match="own_trackers_here:Half has no method initialize; see"):
+        create_tracker("own_trackers_here:Half")
+    with pytest.raises(MienError, match="unknown tracker 'not_there_at_all:Whole'"):
+        create_tracker("not_there_at_all:Whole")

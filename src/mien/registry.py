@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -46,14 +47,18 @@ def create_tracker(name: str) -> Tracker:
     require(isinstance(name, str), f"a tracker is given by its name, not by {name!r}")
     known = name.partition(":")[0]
     module, _, cls = TRACKERS.get(known, name).partition(":")
-    tracker = getattr(_module(module, name), cls, None) if cls else None
+    found = _module(module) if cls else None
     require(
-        tracker is not None,
+        found is not None,
         f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, or MODULE:CLASS of your own",
     )
+    tracker = getattr(found, cls, None)
+    require(callable(tracker), f"{name}: the module {module} has no class {cls}")
     assert tracker is not None
     argument = argument_of(name)
     made: Tracker = tracker() if argument is None else tracker(argument)
+    missing = [method for method in ("initialize", "track") if not callable(getattr(made, method, None))]
+    require(not missing, f"{name} has no method {' and no '.join(missing)}; see mien.Tracker")
     return made
 
 
@@ -68,13 +73,11 @@ def code_of(name: str) -> Path | None:
     module, _, cls = name.partition(":")
     if module in TRACKERS or not cls:
         return None
-    sys.path.insert(0, "")  # as for `python -c`, which runs it
     try:
-        found = find_spec(module)
+        with _here():
+            found = find_spec(module)
     except (ImportError, ValueError):
         return None
-    finally:
-        sys.path.remove("")
     return Path(found.origin) if found and found.origin and Path(found.origin).is_file() else None
 
 
@@ -92,10 +95,21 @@ def argument_of(name: str) -> Settings | str | None:
     return settings
 
 
-def _module(module: str, name: str) -> ModuleType | None:
+@contextmanager
+def _here() -> Iterator[None]:
+    """Python finds the modules of the folder in which it runs, as with `python -c`."""
+    sys.path.insert(0, "")
+    try:
+        yield
+    finally:
+        sys.path.remove("")
+
+
+def _module(module: str) -> ModuleType | None:
     """The module of a tracker; None if it is not one of mien's and does not exist."""
     try:
-        return import_module(module)
+        with _here():
+            return import_module(module)
     except ModuleNotFoundError as error:
         if f"{module}.".startswith(f"{error.name}.") and not module.startswith("mien."):
             return None
