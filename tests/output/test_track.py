@@ -55,6 +55,16 @@ def test_a_track_says_of_itself_how_long_it_is(track: Track) -> None:
     assert repr(Track(track.table.slice(0, 0))) == "<Track of 0 frames>"
 
 
+@pytest.mark.parametrize(("angle", "end", "goes"), [(0, (0, 0, 1), "y"), (1, (0, 0, 1), "-x"), (2, (0, 1, 0), "x")])
+def test_positive_angles_nod_turn_left_and_lean_clockwise(angle: int, end: tuple[float, ...], goes: str) -> None:
+    """Nose (z of the head) down and to the left, its top (y) to the right of the image."""
+    R = matrix_from_euler(0.3 * np.eye(3)[angle]) @ FACING
+    track = Track.from_estimates([replace(estimate(0), rotation=R)])
+    np.testing.assert_allclose(track.euler_deg[0], np.degrees(0.3) * np.eye(3)[angle], atol=1e-3)
+    moved = (R - FACING) @ end
+    assert moved["xy".index(goes[-1])] * (-1 if goes[0] == "-" else 1) > 0.2
+
+
 def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:
     names = ["frame", "face_id", "timestamp", "confidence", "success", "pose_Tx", "pose_Ty", "pose_Tz"]
     names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS, "eyes_closed"]

@@ -97,7 +97,10 @@ class Track:
 
     @cached_property
     def euler_deg(self) -> Array:
-        """(n, 3) angles in degrees of `Rx Ry Rz`, NaN where the face is lost."""
+        """(n, 3) pitch, yaw and roll in degrees, the angles of `Rx Ry Rz`, NaN where the face is lost.
+
+        Positive pitch nods, positive yaw turns to the left of the image, positive roll leans clockwise in it.
+        """
         known = self._matrix(ROTATION)
         return np.full((len(self), 3), np.nan) if known is None else np.degrees(known)
 
