@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from typing import Any
@@ -21,6 +22,20 @@ pytest.importorskip("mediapipe", reason="the extra `auto` is not installed")
 def _texture() -> Frame:
     pixels = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
     return Frame(pixels)
+
+
+def test_standard_error_comes_back_after_the_last_of_those_who_silenced_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As two threads do that look for faces at the same time: who began first ends first."""
+    monkeypatch.setattr(sys, "stderr", sys.__stderr__)
+    before, one, other = os.fstat(2).st_ino, detector.silenced(), detector.silenced()
+    one.__enter__()
+    other.__enter__()
+    one.__exit__(None, None, None)
+    assert os.fstat(2).st_ino == os.stat(os.devnull).st_ino
+    print("Python's own words", file=sys.stderr)
+    other.__exit__(None, None, None)
+    assert os.fstat(2).st_ino == before
+    assert sys.stderr is sys.__stderr__
 
 
 def test_the_portrait_is_found() -> None:

@@ -303,7 +303,41 @@ class _Later(ModuleType):
 @contextlib.contextmanager
 def silenced() -> Iterator[None]:
     """MediaPipe logs to the process's standard error from C++; keep that off the user's screen, and on it what Python
-    writes there."""
+    writes there: from the first to the last of those who want it so, in whatever threads, as there is one for all."""
+    _silence.begin()
+    try:
+        yield
+    finally:
+        _silence.end()
+
+
+class _Silence:
+    """How many want silence, and what it takes to end it."""
+
+    def __init__(self) -> None:
+        self.lock, self.wanted, self.kept = threading.Lock(), 0, contextlib.ExitStack()
+
+    def begin(self) -> None:
+        """One more wants it."""
+        with self.lock:
+            if self.wanted == 0:
+                self.kept.enter_context(_off_screen())
+            self.wanted += 1
+
+    def end(self) -> None:
+        """One no longer wants it."""
+        with self.lock:
+            self.wanted -= 1
+            if self.wanted == 0:
+                self.kept.close()
+
+
+_silence = _Silence()
+
+
+@contextlib.contextmanager
+def _off_screen() -> Iterator[None]:
+    """Standard error goes nowhere, but for what Python writes to it."""
     own, saved, null = sys.stderr, os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     with os.fdopen(saved, "w", buffering=1, closefd=False) as screen:
