@@ -65,6 +65,17 @@ def test_positive_angles_nod_turn_left_and_lean_clockwise(angle: int, end: tuple
     assert moved["xy".index(goes[-1])] * (-1 if goes[0] == "-" else 1) > 0.2
 
 
+def test_estimates_of_a_stream_keep_their_landmarks_and_lengths(track: Track, tmp_path: Path) -> None:
+    assert track.metadata == {"landmark_names": ["a", "b", "c"], "mm_per_unit": 100.0, "version": "1"}
+    track.save(tmp_path / "out.csv")
+    first, *_ = Track.read(tmp_path / "out.csv").estimates()
+    assert first.landmarks is not None
+    assert first.translation is not None
+    np.testing.assert_allclose(first.translation, [0.5, -0.25, 10.0])
+    np.testing.assert_allclose(first.landmarks.image, np.arange(6.0).reshape(3, 2))
+    assert Track.from_estimates([estimate(0)], {"mm_per_unit": 2.0}).metadata["mm_per_unit"] == 2.0
+
+
 def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:
     names = ["frame", "face_id", "timestamp", "confidence", "success", "pose_Tx", "pose_Ty", "pose_Tz"]
     names += ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason", *TRACKED_UNITS, "eyes_closed"]
@@ -159,7 +170,7 @@ def test_csv_and_parquet_read_back_as_they_were(track: Track, tmp_path: Path) ->
     for path in track.save(tmp_path / "out.csv")[::2]:
         again = Track.read(path)
         assert again.table.equals(track.table)
-        assert again.metadata == {"version": "1"}
+        assert again.metadata == track.metadata
 
 
 def test_save_takes_the_name_of_any_of_the_three_files() -> None:
@@ -283,7 +294,7 @@ def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Pa
     with pytest.raises(MienError, match=r"out.csv: no such file"):
         Track.read(tmp_path / "out")
     track.save(tmp_path / "out")
-    assert json.loads((tmp_path / "out.json").read_text()) == {"version": "1"}
+    assert json.loads((tmp_path / "out.json").read_text()) == track.metadata
     with pytest.raises(MienError, match=r"read the \.csv"):
         Track.read(tmp_path / "out.json")
     (tmp_path / "out.csv").rename(tmp_path / "OUT.CSV")

@@ -57,11 +57,15 @@ class Track:
 
     @classmethod
     def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
-        """The track of these estimates."""
+        """The track of these estimates, as of `mien.stream`; in its metadata are the names of the landmarks and the
+        millimetres of a CANDIDE unit, unless `metadata` says otherwise."""
+        mm_per_unit = 1.0
         with Recorder() as recorder:
             for estimate in estimates:
                 recorder.add(estimate)
-            return recorder.track(metadata or {})
+                mm_per_unit = estimate.mm_per_unit if estimate.status.success else mm_per_unit
+            known = {"landmark_names": list(recorder.landmark_names), "mm_per_unit": mm_per_unit}
+            return recorder.track(known | dict(metadata or {}))
 
     def __len__(self) -> int:
         return int(self.table.num_rows)
