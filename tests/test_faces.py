@@ -126,6 +126,8 @@ def test_what_cannot_be_had(video: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         track_faces(video, 2)
     with pytest.raises(MienError, match="0 faces to track"):
         track_faces(video, 0)
+    with pytest.raises(MienError, match="'2' faces to track"):
+        track_faces(video, "2")  # type: ignore[arg-type]
 
 
 # What is known of where the faces are

@@ -365,6 +365,7 @@ def test_what_is_no_input_is_named(tracker: StillTracker, folder: Path) -> None:
         (folder, {"face": (1, 2, 3)}, r"face is \(1, 2, 3\)"),
         (folder, {"landmarks": marks, "camera": {"focal_px": 1}}, "the camera is .*dict"),
         (folder, {"landmarks": marks, "start": "1"}, "start is '1'"),
+        (folder, {"landmarks": marks, "passes": 2.0}, "2.0 passes over a video"),
         (np.zeros((2, 2)), {"landmarks": marks}, "a video is a file, .*ndarray"),
         ("", {"landmarks": marks}, "the name of the video is empty"),
     ]

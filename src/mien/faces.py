@@ -131,7 +131,7 @@ def track_faces(
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
     check_passes(passes, footage.video, tracker, preset)
     name, count = footage.video.name, footage.frame_count
-    require(faces >= 1, f"{faces} faces to track; give 1 or more")
+    require(isinstance(faces, int) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
     require(footage.video.path is not None, f"{name} shows every frame once; several faces need a file")
     looks = list(_looks(footage))
     require(any(looks), f"{name}: no face was found in it; enlarge or brighten the video")

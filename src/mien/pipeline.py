@@ -212,7 +212,7 @@ def warn_of_a_turned_face(first: Estimate, name: str) -> None:
 
 def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
     """Raise MienError for passes that cannot be had."""
-    require(passes in (1, 2), f"{passes} passes over a video; give 1 or 2")
+    require(isinstance(passes, int) and passes in (1, 2), f"{passes!r} passes over a video; give 1 or 2")
     if passes > 1:
         require(video.path is not None, f"{video.name} shows every frame once; more than one pass needs a file")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could begin with")

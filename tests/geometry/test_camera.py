@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -43,8 +45,10 @@ def test_field_of_view_reaches_the_borders() -> None:
     assert (camera.cx, camera.cy) == (159.5, 119.5)
 
 
-@pytest.mark.parametrize("values", [(0, 1, 1), (-5, 1, 1), (float("nan"), 1, 1), (100, float("inf"), 1)])
-def test_bad_cameras_are_refused(values: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize(
+    "values", [(0, 1, 1), (-5, 1, 1), (float("nan"), 1, 1), (100, float("inf"), 1), ("100", 1, 1), (100, None, 1)]
+)
+def test_bad_cameras_are_refused(values: tuple[Any, Any, Any]) -> None:
     with pytest.raises(MienError):
         Camera(*values)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -27,7 +28,8 @@ class Camera:
 
     def __post_init__(self) -> None:
         values = (self.focal_px, self.cx, self.cy)
-        require(all(math.isfinite(v) for v in values), f"camera {values} holds a value that is not finite")
+        numbers = all(isinstance(v, Real) and math.isfinite(v) for v in values)
+        require(numbers, f"camera {values} holds a value that is no finite number")
         require(self.focal_px > 0, f"the focal length must be positive, not {self.focal_px:g} pixels")
 
     @classmethod
