@@ -20,7 +20,7 @@ from mien.evaluation import tables
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
-from mien.evaluation.figures import save_figures
+from mien.evaluation.figures import angles_over_time, landmark_rms_over_time, save_figures
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
 from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.published import REBASED_REFERENCES
@@ -255,6 +255,22 @@ def test_figures_are_pictures(out: Path) -> None:
         image = cv2.imread(str(file))
         assert image.shape[0] > 200
         assert image.std() > 5
+
+
+def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> None:
+    scores = load_scores(out)
+    one, *_ = scores.of("good")
+    names = tuple(f"own_trackers:Tracker{k:02}" for k in range(11))
+    many = tuple(replace(one, result=replace(one.result, tracker=name)) for name in names[:-1])
+    made = replace(scores, evaluation=replace(scores.evaluation, trackers=names), scores=many)
+    for figure in (
+        angles_over_time(made, [one.result.sequence]),
+        landmark_rms_over_time(made, [one.result.sequence]),
+    ):
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        assert [text.get_text() for text in legend.get_texts() if text.get_text() != "truth"] == list(names[:-1])
+        assert legend.get_window_extent().x1 <= figure.bbox.x1
 
 
 def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:

@@ -29,6 +29,8 @@ COLOURS = (
     "#8a5a44", "#555555", "#d36fa8", "#8c9a2b", "#1b1b1b", "#7fb2e5",
 )  # fmt: skip
 TRUTH_COLOUR = "#222222"
+_ENTRY_INCHES, _LETTER_INCHES, _ROW_INCHES = 0.72, 0.08, 0.22
+"""Room of an entry of a legend beside its letters, of each of these, and of a row of entries."""
 PANELS = 24
 """Sequences on one page of a figure that has a panel for each."""
 
@@ -88,7 +90,8 @@ def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     for k, name in enumerate(ANGLE_NAMES):
         axes[0, k].set_title(name, fontsize=10)
         axes[-1, k].set_xlabel("frame")
-    _legend(figure, [*scores.trackers], extra=("truth", TRUTH_COLOUR))
+    shown = [score for name in names for score in _compared(scores, name)]
+    _legend(figure, scores, shown, extra=("truth", TRUTH_COLOUR))
     return figure
 
 
@@ -111,7 +114,7 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
         axis.set_xlabel("frame")
     for axis in axes[: len(names) : columns]:
         axis.set_ylabel("RMS (px)")
-    _legend(figure, scores.trackers)
+    _legend(figure, scores, [score for name in names for score in _pointed(scores, name)])
     return figure
 
 
@@ -134,7 +137,10 @@ def error_against_head_angle(scores: Scores) -> Figure:
     if few:
         axis.set_ylim(bottom=0)
     else:
-        axis.set_yscale("log")
+        axis.set_yscale("log", subs=(2, 5))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("{x:g}")
+        axis.tick_params(axis="y", which="minor", labelsize=8)
     _tidy(axis)
     axis.legend(frameon=False, fontsize=None if few else 7, ncols=1 if few else 2)
     return figure
@@ -264,13 +270,20 @@ def _tidy(axis: Axes) -> None:
     axis.tick_params(labelsize=8)
 
 
-def _legend(figure: Figure, trackers: Sequence[str], extra: tuple[str, str] | None = None) -> None:
+def _legend(figure: Figure, scores: Scores, shown: Sequence[Score], extra: tuple[str, str] | None = None) -> None:
+    """The trackers that a figure shows above it, in as many rows as its width asks for."""
     from matplotlib.lines import Line2D
 
-    entries = [Line2D([], [], color=c, label=t) for t, c in zip(trackers, _colours(), strict=False)]
+    drawn = {score.result.tracker for score in shown}
+    named = [(t, c) for t, c in zip(scores.trackers, _colours(), strict=False) if t in drawn]
+    entries = [Line2D([], [], color=c, label=t) for t, c in named]
     if extra is not None:
         entries.append(Line2D([], [], color=extra[1], linestyle="--", label=extra[0]))
-    figure.legend(handles=entries, loc="outside upper left", ncols=len(entries), frameon=False)
+    longest = max((len(str(entry.get_label())) for entry in entries), default=0)
+    columns = int(figure.get_figwidth() / (_ENTRY_INCHES + _LETTER_INCHES * longest))
+    columns = max(1, min(columns, len(entries)))
+    figure.set_figheight(figure.get_figheight() + _ROW_INCHES * ((len(entries) - 1) // columns))
+    figure.legend(handles=entries, loc="outside upper left", ncols=columns, frameon=False)
 
 
 def _colours() -> tuple[str, ...]:
