@@ -11,6 +11,7 @@ import pytest
 from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Still, angles_deg, face68, head_rotations
 from mien.errors import MienError
+from mien.evaluation import worst
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.protocols import Protocol
@@ -75,6 +76,18 @@ def test_the_worst_frames_are_those_with_the_largest_error(sequence: Sequence) -
     assert worst_frames(result.track, result.truth, 2) == (2, 4)
     assert len(result.pictures) == FRAMES
     np.testing.assert_allclose(frame_errors(result.track, result.truth)[[2, 4]], [9, 5], atol=1e-6)
+
+
+def test_of_neighbours_the_worst_frame_is_shown(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 40 frames one in ten at most, for two pictures; lost truth is no error."""
+    errors = np.concatenate([np.arange(20.0), np.arange(20.0)[::-1] / 2])
+    errors[25:] = np.nan
+    result = run_sequence(_perfect(), sequence, FIRST)
+    monkeypatch.setattr(worst, "frame_errors", lambda track, truth: errors)
+    assert result.track is not None
+    assert result.truth is not None
+    assert worst_frames(result.track, result.truth, 2) == (19, 9)
+    assert worst_frames(result.track, result.truth, 20)[:3] == (19, 18, 17)
 
 
 def test_landmark_scores(sequence: Sequence) -> None:

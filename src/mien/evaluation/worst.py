@@ -17,11 +17,16 @@ WORST_FRAMES = 20
 
 def worst_frames(track: TrackTable, truth: Truth, count: int = WORST_FRAMES) -> tuple[int, ...]:
     """The frames with the largest rotation error since the first frame, or landmark error where there is no
-    pose.
+    pose; in a longer video of neighbours, which look alike, the worst alone.
     """
-    error = frame_errors(track, truth)
-    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
-    return tuple(int(i) for i in order[:count] if np.isfinite(error[i]))
+    errors = frame_errors(track, truth)
+    left, apart = np.where(np.isfinite(errors), errors, -1.0), max(1, len(errors) // (2 * count))
+    chosen: list[int] = []
+    while len(chosen) < count and left.max() >= 0:
+        worst = int(np.argmax(left))
+        chosen.append(worst)
+        left[max(0, worst - apart + 1) : worst + apart] = -1.0
+    return tuple(chosen)
 
 
 def frame_errors(track: TrackTable, truth: Truth) -> Array:
