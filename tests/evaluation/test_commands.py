@@ -27,7 +27,10 @@ def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(tiny.ROOT))
 
 
-def test_one_command_gives_a_report_and_report_gives_the_others(tmp_path: Path) -> None:
+def test_one_command_gives_a_report_and_report_gives_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
     data = tiny.rendered(tmp_path / "data", ("a_uniform1", "b, c_wide1"))
     run = _mien(
         "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
@@ -36,6 +39,7 @@ def test_one_command_gives_a_report_and_report_gives_the_others(tmp_path: Path) 
     assert run.returncode == 0, run.stderr
     assert "report.html" in run.stdout
     assert "protocol: rebased" in run.stdout
+    assert "…" not in run.stdout, "a name is cut, and others may begin alike"
     for form, ending in (("latex", "tex"), ("csv", "csv"), ("markdown", "md")):
         made = _mien("report", tmp_path / "out", "--format", form, "--protocol", "sensor")
         assert made.returncode == 0, made.stderr

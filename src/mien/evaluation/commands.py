@@ -73,12 +73,15 @@ def report(directory: Path, form: str = "markdown", protocol: str | None = None)
 def _print_summary(scores: Scores) -> None:
     from rich.console import Console
     from rich.markup import escape
+    from rich.table import Column
     from rich.table import Table as RichTable
 
     console = Console()
     for table in (by_kind(scores), landmarks(scores), failures(scores)):
         if table.rows:
-            shown = RichTable(*table.columns, title=table.title, title_justify="left")
+            # Names that begin alike would be the same where they are cut.
+            columns = [Column(name, overflow="fold") for name in table.columns]
+            shown = RichTable(*columns, title=table.title, title_justify="left")
             for row in table.rows:
                 shown.add_row(*map(escape, row))
             console.print(shown)
