@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import sys
+from csv import QUOTE_NONNUMERIC
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -302,6 +304,19 @@ def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Pa
     (tmp_path / "OUT.json").write_text("{")
     with pytest.raises(MienError, match=r"OUT\.json is not a track"):
         Track.read(tmp_path / "OUT.CSV")
+
+
+@pytest.mark.parametrize(
+    "how", [{"quoting": QUOTE_NONNUMERIC}, {"na_rep": "NA"}, {"encoding": "utf-8-sig"}, {"lineterminator": "\r\n"}]
+)
+def test_a_table_that_others_have_written_again_is_read(how: dict[str, Any], track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    frame = track.to_pandas().assign(condition="control", age=31)
+    frame.to_csv(tmp_path / "out.csv", index=False, **how)
+    again = Track.read(tmp_path / "out.csv")
+    assert again.table.select(track.table.column_names).equals(track.table)
+    assert again.table.column("condition").to_pylist() == ["control"] * 4
+    assert again.table.column("age").to_pylist() == [31] * 4
 
 
 def test_a_plot_has_the_ending_of_a_picture(track: Track, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ Lengths are millimetres, angles radians, image points pixels, all in camera axes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -179,28 +179,35 @@ def turned_rows(table: pa.Table, R: Array) -> pa.Table:
     return table
 
 
-def cell_type(name: str) -> pa.DataType:
-    """Type of the column with this name."""
+def cell_type(name: str) -> pa.DataType | None:
+    """Type of the column with this name; None where it is not one of these."""
+    stem, _, number = name.rpartition("_")
+    if name not in _STEMS and not (stem in _STEMS and number.isdecimal()):
+        return None
     return pa.string() if name in _TEXT else pa.int64() if name in _WHOLE_NUMBERS else pa.float64()
 
 
 def in_order(names: Sequence[str]) -> list[str]:
     """The names in the order of the file, for tables of which each has a part of the columns."""
-    groups = [g.names for g in (*_POSE, *_REST)]
-    fixed = ["frame", "face_id", "timestamp", "confidence", "success"]
-    stems: list[str] = [*fixed]
-    for k, group in enumerate(groups):
-        stems += [group] if isinstance(group, str) else group
-        if k == len(_POSE) - 1:
-            stems += _TEXT
-    return sorted(names, key=lambda n: _place(n, stems))
+    return sorted(names, key=_place)
 
 
-def _place(name: str, stems: Sequence[str]) -> tuple[int, int]:
-    if name in stems:
-        return stems.index(name), 0
+def _stems() -> Iterator[str]:
+    """The names of all columns in the order of the file, of numbered ones the stem."""
+    yield from ("frame", "face_id", "timestamp", "confidence", "success")
+    for group in (*_POSE, None, *_REST):
+        names = _TEXT if group is None else group.names
+        yield from [names] if isinstance(names, str) else names
+
+
+_STEMS = tuple(_stems())
+
+
+def _place(name: str) -> tuple[int, int]:
+    if name in _STEMS:
+        return _STEMS.index(name), 0
     stem, _, number = name.rpartition("_")
-    return stems.index(stem), int(number)
+    return _STEMS.index(stem), int(number)
 
 
 def _columns(groups: Sequence[_Group], estimates: Sequence[Estimate]) -> dict[str, pa.Array]:

@@ -314,13 +314,16 @@ def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
 
 
 def _read_csv(path: Path) -> pa.Table:
+    """The table of a CSV, also as R, pandas and spreadsheets write it again, with columns of their own."""
+    from csv import reader
+
     from pyarrow import csv
 
-    with path.open(encoding="utf-8") as f:
-        names = [n.strip() for n in f.readline().split(",")]
-    options = csv.ConvertOptions(
-        column_types={n: cell_type(n) for n in names}, null_values=[""], strings_can_be_null=True
-    )
+    with path.open(encoding="utf-8-sig", newline="") as f:
+        names = [n.strip() for n in next(reader(f), [])]
+    types = {n: known for n in names if (known := cell_type(n)) is not None}
+    missing = ["", "NA", "NaN", "nan"]
+    options = csv.ConvertOptions(column_types=types, null_values=missing, strings_can_be_null=True)
     return csv.read_csv(path, csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
 
 
