@@ -117,10 +117,10 @@ def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -
     return float(interpupillary_mm / np.linalg.norm(left - right))
 
 
-def closed_lids(upper: Array, lower: Array, share: float) -> tuple[Array, Array]:
-    """Points (n, 3) of the upper lids and (n, 3) of the lower ones, moved towards each other by a share of the way."""
-    meet = lower + _LID_MEETS * (upper - lower)
-    return upper + share * (meet - upper), lower + share * (meet - lower)
+def lid_ways(share: float) -> tuple[float, float]:
+    """How far an upper lid and the lower one go towards each other, shares of the opening, in eyes that have closed by
+    a share."""
+    return share * (1 - _LID_MEETS), share * _LID_MEETS
 
 
 def with_eyes_closed(vertices: Array, share: float) -> Array:
@@ -129,8 +129,10 @@ def with_eyes_closed(vertices: Array, share: float) -> Array:
     out = vertices.copy()
     for (_, u1, u2, u3, _, l1, l2, l3), iris in zip(_EYE_OPENINGS, _PUPILS, strict=True):
         upper, lower = [u1, u2, u3], [l3, l2, l1]
-        out[upper], out[lower] = closed_lids(vertices[upper], vertices[lower], share)
-        meet = closed_lids(vertices[u2], vertices[l2], 1.0)[0]
+        opening = vertices[upper] - vertices[lower]
+        out[upper] -= lid_ways(share)[0] * opening
+        out[lower] += lid_ways(share)[1] * opening
+        meet = vertices[l2] + lid_ways(1.0)[1] * (vertices[u2] - vertices[l2])
         out[list(iris), 1] += share * (meet[1] - vertices[list(iris), 1])
     return out
 

@@ -19,7 +19,7 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
-from mien.tracking import definite, eyes, kernels, motion, shape, uncertainty
+from mien.tracking import definite, eyes, kernels, motion, person, shape, uncertainty
 
 _PATIENCE_S = 120
 _PROGRAM = "from mien.tracking import first_run; first_run.compile_beside()"
@@ -39,6 +39,7 @@ _VIEW = types.Tuple((_array(1), _array(2), _array(1), _array(2)))
 _PRIOR = types.Tuple((*_POSE, _array(2), _array(1), _array(1)))
 _APPEARANCE = types.Tuple((_single(3), _single(2), _single(3), _single(2), _single(1), _array(1), _array(2)))
 _READING = types.Tuple((types.int64, *[types.float64] * 3))
+_SEEN = _array(1, types.boolean)
 _POINT = types.UniTuple(types.float64, 2)
 _ROOM = types.Tuple((_single(3), *(_array(k) for k in (4, 3, 2, 4, 2, 3, 2))))
 _PATCHES = types.Tuple((_single(2), _array(1), _array(1)))
@@ -53,7 +54,7 @@ SOLVE: Kernel = (
      types.int64, types.float64, _ROOM),
 )  # fmt: skip
 RESAMPLE: Kernel = crop._resample, (_array(2, types.uint8), _POINT, _POINT, _single(2))
-PRODUCTS: Kernel = eyes._products, (_single(2), _single(3), _array(1, types.boolean))
+PRODUCTS: Kernel = eyes._products, (_single(2), _single(3), _SEEN)
 PLACE: Kernel = eyes._place, (_array(2), types.float64)
 TAKE_PATCHES: Kernel = motion.take_patches, (_single(2), _PERSON, _array(3), types.Tuple(_POSE), _VIEW)
 ALIGN: Kernel = (
@@ -67,25 +68,18 @@ FIRM: Kernel = kernels.firm, (*[_array(1)] * 3, types.float64)
 SHAPE: Kernel = shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))
 AGREEMENT: Kernel = motion._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))
 INVERSE: Kernel = definite._inverse, (_array(2),)
+TOLD: Kernel = kernels.told, (_PERSON, _array(2), *_POSE, _array(2, types.int64), _POINT, _array(1))
+FOLLOW: Kernel = person._follow, (_array(2), types.int64, _array(1), _SEEN, types.float64, types.float64)
+ADDED: Kernel = uncertainty._added, (types.float64, _array(2), types.float64, _array(2))
 OF_TURN: Kernel = uncertainty._of_turn_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, types.float64)
 """Kernels, and the types of what tracking calls them with."""
 
-_BESIDE = DESCRIBE, POLYNOMIAL, SOLVE, SHAPE
+_BESIDE = DESCRIBE, POLYNOMIAL, SOLVE, SHAPE, AGREEMENT, INVERSE
 """What the other process compiles: first of what the solver calls that with which the face is learned meanwhile."""
 _HERE = (
-    RESAMPLE,
-    TAKE_PATCHES,
-    ALIGN,
-    PRODUCTS,
-    PLACE,
-    INVERSE,
-    OF_TURN,
-    AGREEMENT,
-    POSED,
-    MISPLACED,
-    MISPLACEMENT,
-    FIRM,
-)
+    RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE, OF_TURN, POSED, MISPLACED, MISPLACEMENT, FIRM,
+    TOLD, FOLLOW, ADDED,
+)  # fmt: skip
 """What takes this one as long, once it has learned the face. What is in neither is compiled in no time."""
 
 

@@ -131,6 +131,32 @@ def posed(person: Any, R: Any, t: Any, a: Any) -> Any:
 
 
 @kernel()
+def told(person: Any, beside: Any, R: Any, t: Any, a: Any, lids: Any, ways: Any, camera: Any) -> Any:
+    """The first m landmarks as they are told: (m, 3) in camera axes, and (m, 2) in the image, NaN behind the camera.
+
+    beside (m, 3): how far each lies beside that of the model, head axes; lids (2, k): which are upper lids, and the
+    lower ones; ways: how far these go towards the others, shares of the opening.
+    """
+    m = beside.shape[0]
+    X, image = posed(person, R, t, a)[:m], np.empty((m, 2))
+    for i in range(m):
+        x, y, z = rotated(R, beside[i, 0], beside[i, 1], beside[i, 2])
+        X[i, 0], X[i, 1], X[i, 2] = X[i, 0] + x, X[i, 1] + y, X[i, 2] + z
+    for k in range(lids.shape[1]):
+        for r in range(3):
+            upper, lower = X[lids[0, k], r], X[lids[1, k], r]
+            X[lids[0, k], r] += ways[0] * (lower - upper)
+            X[lids[1, k], r] += ways[1] * (upper - lower)
+    for i in range(m):
+        if X[i, 2] > 1e-6:
+            scale = camera[0] / X[i, 2]
+            image[i, 0], image[i, 1] = scale * X[i, 0] + camera[1], scale * X[i, 1] + camera[2]
+        else:
+            image[i, 0], image[i, 1] = np.nan, np.nan
+    return X, image
+
+
+@kernel()
 def rotated(R: Any, x: float, y: float, z: float) -> Any:
     """R h of a point in head axes."""
     return (

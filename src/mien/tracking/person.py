@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 
 from mien.appearance.descriptors import Float32
+from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -131,9 +133,9 @@ class Person:
     def learn(self, solution: Solution, agreement: Array) -> None:
         """From a frame in which the face looks as it should. agreement: (n,) of each patch with the motion before."""
         s, w = self.settings, solution.w
-        self.expected += s.expectation_rate * (solution.facing & (w > TRUSTED)) * (solution.d2 - self.expected)
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
-        np.maximum(self.expected, s.least_distance, out=self.expected)
+        trusted = solution.facing & (w > TRUSTED)
+        _follow(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
         self._weigh(solution)
         self._learn_eyes(solution, agreement)
         if s.learn_shape:
@@ -175,9 +177,8 @@ class Person:
     def _weigh(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
         s = self.settings
-        found = solution.facing & (solution.w > 1e-3)
-        variance = self.least_variance + solution.misplacement(_FAR)
-        self.variance[:, :2] += (s.location_rate * found * (variance - self.variance[:, 0]))[:, None]
+        found, variance = solution.facing & (solution.w > 1e-3), self.least_variance + solution.misplacement(_FAR)
+        _follow(self.variance, 2, variance, found, s.location_rate, 0.0)
 
     def _learn_shape(self, solution: Solution) -> None:
         s, pose = self.settings, solution.pose
@@ -194,6 +195,17 @@ class Person:
         weight = novelty * solution.w * (1 - share)
         Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
         self.neutral = self.shape.add(self.neutral, Lambda, gradient)
+
+
+@kernel()
+def _follow(means: Any, columns: int, values: Any, of: Any, rate: float, least: float) -> None:
+    """Move the first columns of means (n, k) by a rate towards values (n,), for those that are `of` (n,), and never
+    below the least."""
+    for i in range(values.size):
+        for k in range(columns):
+            if of[i]:
+                means[i, k] += rate * (values[i] - means[i, k])
+            means[i, k] = max(means[i, k], least)
 
 
 def _mean(values: Float32, of: Mask) -> float:

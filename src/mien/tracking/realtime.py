@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from mien.appearance.crop import is_blank
-from mien.candide.model import Candide, closed_lids, with_eyes_closed
+from mien.candide.model import Candide, lid_ways, with_eyes_closed
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -340,7 +340,9 @@ class RealtimeTracker:
             self.settings.hidden_cosine,
         )  # fmt: skip
         facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
-        return View(level, pose, pose, crop, image, geometry, facing & (not is_blank(image)))
+        if is_blank(image):
+            facing[:] = False
+        return View(level, pose, pose, crop, image, geometry, facing)
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Levenberg-Marquardt in one view."""
@@ -381,13 +383,12 @@ class RealtimeTracker:
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The present pose with what the solution says of its landmarks and its error. familiar: see `familiarity`."""
         n = len(LANDMARK_NAMES)
-        X, closing = self.person.posed(self.pose)[:n] + self.beside @ self.pose.R.T, self.closing
-        if closing:
-            lids = X[_LIDS]
-            X[_LIDS] = closed_lids(lids[0], lids[1], closing.share)
+        closing = self.closing
+        ways = lid_ways(closing.share if closing else 0.0)
+        X, image = kernels.told(self.person.arrays, self.beside, *self.pose.arrays, _LIDS, ways, self.camera_vector)
         seen = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X, self.visible[:n], distance)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
         share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         covariance = state_covariance(

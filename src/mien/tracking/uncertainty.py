@@ -40,7 +40,6 @@ with the features of a face that turns far grows likewise, and rolls it more tha
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame, and of what a wrong relief adds, by the sine of the turn."""
-_SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
 _CONFIDENCE = (-7.5, -1.8)
@@ -104,12 +103,30 @@ def state_covariance(
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
     error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
     relief_sd, learned: see `systematic_covariance`."""
-    covariance = frame_variance(d2, seen) * spread * _SCALES
     across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * turn_squared(R, first.R)
-    covariance[3, 3] += across
-    covariance[4, 4] += across
-    covariance[:3, :3] += systematic_covariance(R, first, relief_sd, learned)
-    return np.asarray(covariance)
+    covariance: Array = _added(
+        frame_variance(d2, seen), spread, across, systematic_covariance(R, first, relief_sd, learned)
+    )
+    return covariance
+
+
+@kernel()
+def _added(variance: float, spread: Any, across: float, systematic: Any) -> Any:
+    """Covariance (12, 12): a frame's own, with the translation's scale, and what is wrong in every frame: of the
+    translation, by axis across the view, and of the rotation (3, 3)."""
+    out = np.empty(spread.shape)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = variance * spread[i, j]
+            if 3 <= i < 6:
+                out[i, j] *= TRANSLATION_SCALE
+            if 3 <= j < 6:
+                out[i, j] *= TRANSLATION_SCALE
+            if i < 3 and j < 3:
+                out[i, j] += systematic[i, j]
+    out[3, 3] += across
+    out[4, 4] += across
+    return out
 
 
 def frame_variance(d2: Array, seen: float) -> float:
