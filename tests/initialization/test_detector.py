@@ -46,6 +46,20 @@ def test_the_portrait_is_found() -> None:
     assert depths is not None
 
 
+def test_what_is_dark_is_not_made_black() -> None:
+    """A picture of 25 grey values is seen as the bright one is, though most of the looks at it are darkened."""
+    bright = small_motion().frames[0]
+    (known,), (found,) = detector.detect(bright), detector.detect(Frame((bright.pixels // 10).astype(np.uint8)))
+    assert np.abs(found.points - known.points).mean() < 1.0
+    values = np.arange(201)
+    np.testing.assert_array_equal(detector._tones(1.0, 200)[:201], values)
+    darker = detector._tones(2.0, 200)[:201].astype(int)
+    assert darker[0] == 0
+    assert darker[200] == 200
+    assert (np.diff(darker) >= 0).all()
+    assert (darker <= values).all()
+
+
 def _far_away(corner: tuple[int, int], face_px: int = 60) -> tuple[Frame, Array]:
     """The portrait, its face this large, in a large room; and the size of the portrait over its own."""
     portrait = small_motion().frames[0]

@@ -3,7 +3,7 @@
 Face Mesh sees faces from about an eighth of the image's width on. Where it sees none, MediaPipe's detector for distant
 faces says where to look closer, down to a twenty-fifth of the width.
 
-The network is asked several times, on slightly turned and scaled copies of the frame, and its answers are
+The network is asked several times, on slightly turned, scaled and darkened copies of the frame, and its answers are
 averaged: everything that follows rests on this one frame. What it sees in the frame and in few of the copies is no
 face: a texture that happens to look like one.
 """
@@ -16,6 +16,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from importlib import import_module
 from itertools import product
 from types import ModuleType
@@ -33,8 +34,10 @@ NO_DETECTOR = (
     "no landmarks were given and no face detector is installed: install it with "
     "pip install 'mien[auto]' (Python 3.10 to 3.12), or annotate the first frame and pass --landmarks FILE"
 )
-_COPIES = ((0.0, 1.0), (-8.0, 0.95), (8.0, 0.95), (-4.0, 1.1), (4.0, 1.1), (0.0, 0.85))
-"""Turn in degrees and scale of each copy of the frame."""
+_COPIES = (
+    (0.0, 1.0, 1.0), (-8.0, 0.95, 1.6), (8.0, 0.95, 1.6), (-4.0, 1.1, 2.0), (4.0, 1.1, 2.0), (0.0, 0.85, 1.6)
+)  # fmt: skip
+"""Turn in degrees, scale, and gamma of each copy of the frame."""
 _MAXIMUM_FACES = 8
 _SAME_PLACE = 0.5
 """Mean distance of two faces' points, over their size, below which the later may be the earlier one."""
@@ -184,6 +187,12 @@ def _uncrop(points: Array, A: Array) -> Array:
     return np.column_stack([points[:, :2] @ inverse[:, :2].T + inverse[:, 2], points[:, 2] / scale])
 
 
+@cache
+def _tones(gamma: float, brightest: int) -> Pixels:
+    """(256,) what every value of a picture becomes, whose brightest stays as it is: a dark one must not go black."""
+    return np.asarray(np.rint(brightest * np.minimum(np.arange(256) / max(brightest, 1), 1.0) ** gamma), np.uint8)
+
+
 def read_faces(mesh: Any, pixels: Any) -> list[Array]:
     """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
     height, width = pixels.shape[:2]
@@ -223,15 +232,17 @@ class _Finder:
                 faces.append(found)
         return faces
 
-    def closer(self, frame: Frame, place: _Place, turn_deg: float = 0.0, scale: float = 1.0) -> list[Array]:
-        """Points (478, 3) in the frame of the faces that are seen in a turned and scaled copy of its part around a
-        place."""
+    def closer(
+        self, frame: Frame, place: _Place, turn_deg: float = 0.0, scale: float = 1.0, gamma: float = 1.0
+    ) -> list[Array]:
+        """Points (478, 3) in the frame of the faces that are seen in a turned, scaled and darkened copy of its part
+        around a place."""
         centre, size = place
         side = _CROP_SIDE * size
         pixels = int(np.clip(side, *_CROP_PIXELS))
         A = _crop_matrix(centre, turn_deg, scale * pixels / side, pixels)
         crop = cv2.warpAffine(frame.pixels, A, (pixels, pixels), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return [_uncrop(face, A) for face in read_faces(self.mesh, crop)]
+        return [_uncrop(face, A) for face in read_faces(self.mesh, cv2.LUT(crop, _tones(gamma, int(crop.max()))))]
 
     def _places(self, frame: Frame, everywhere: bool) -> list[_Place]:
         """Where there may be a face: in the whole frame, and if there is none, or everywhere, in the quarters of a
