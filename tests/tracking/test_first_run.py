@@ -37,6 +37,27 @@ def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     assert done.stdout.strip() == "0 compiled here"
 
 
+def test_a_file_that_was_written_anew_as_it_was_is_asked_about_once(tmp_path: Path) -> None:
+    """As by an installation of the same version: Numba goes by what is in it."""
+    script = """
+import os
+from mien.tracking import first_run, kernels
+
+first_run._compile(first_run.POLYNOMIAL)
+first_run._BESIDE = (first_run.POLYNOMIAL,)
+first_run.SOLVE = first_run.POLYNOMIAL
+later = os.stat(kernels.__file__).st_mtime
+for index in first_run._indices():
+    os.utime(index, (later - 1, later - 1))
+print(first_run._is_kept())
+first_run.compile_beside()
+print(first_run._is_kept())
+"""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["False", "True"], done.stderr
+
+
 @pytest.fixture
 def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first_run, "_is_kept", lambda: False)

@@ -45,6 +45,17 @@ def test_the_face_is_followed(estimates: list[Estimate]) -> None:
     assert [(e.index, e.time) for e in estimates] == [(f.index, f.time) for f in sequence().frames]
 
 
+def test_frames_that_the_camera_cannot_have_taken_are_refused() -> None:
+    """They would be tracked, at angles that are wrong by tens of degrees."""
+    tracker = RealtimeTracker()
+    first = small_motion().frames[0]
+    with pytest.raises(MienError, match="call initialize first"):
+        tracker.track(first)
+    run(tracker, small_motion())
+    with pytest.raises(MienError, match=r"has the size \(320, 120\), the first had \(320, 240\)"):
+        tracker.track(Frame(np.ascontiguousarray(first.pixels[:120]), 7))
+
+
 def test_spectacles_are_followed() -> None:
     """Rims move more than the eyes behind them; with a shape that cannot learn this the largest error is 4 degrees."""
     errors = errors_deg(run(RealtimeTracker(), with_spectacles()), with_spectacles())

@@ -67,7 +67,8 @@ class PoseRegression:
         gain = (1 / (variance + floor) - 1 / floor).astype(np.float32)
         along = residual @ np.swapaxes(directions, 1, 2)
         lack_of_fit = (residual**2).sum(axis=2) / np.float32(floor) + (along**2 * gain[:, None]).sum(axis=2)
-        return cls(coefficients, directions, gain, np.full(len(seen), 1 / floor, np.float32), limit, lack_of_fit.T)
+        inverse_floor, by_view = np.full(len(seen), 1 / floor, np.float32), np.ascontiguousarray(lack_of_fit.T)
+        return cls(coefficients, directions, gain, inverse_floor, limit, by_view)
 
 
 def _leading(covariance: Float32, rank: int) -> tuple[Float32, Float32]:

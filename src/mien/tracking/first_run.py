@@ -19,8 +19,9 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
-from mien.tracking import definite, eyes, kernels, motion, person, shape, uncertainty
+from mien.tracking import definite, eyes, kernels, learning, motion, person, shape, uncertainty
 
+_SOURCE = Path(kernels.__file__)
 _PATIENCE_S = 120
 _PROGRAM = "from mien.tracking import first_run; first_run.compile_beside()"
 
@@ -67,6 +68,8 @@ MISPLACEMENT: Kernel = kernels.misplacement, (_array(3), _array(2), types.float6
 FIRM: Kernel = kernels.firm, (*[_array(1)] * 3, types.float64)
 SHAPE: Kernel = shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))
 AGREEMENT: Kernel = motion._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))
+NEAREST: Kernel = learning._nearest, (_array(1), types.float64)
+BETWEEN: Kernel = learning._between, (_single(3), _array(2), _array(1))
 INVERSE: Kernel = definite._inverse, (_array(2),)
 TOLD: Kernel = kernels.told, (_PERSON, _array(2), *_POSE, _array(2, types.int64), _POINT, _array(1))
 FOLLOW: Kernel = person._follow, (_array(2), types.int64, _array(1), _SEEN, types.float64, types.float64)
@@ -74,10 +77,10 @@ ADDED: Kernel = uncertainty._added, (types.float64, _array(2), types.float64, _a
 OF_TURN: Kernel = uncertainty._of_turn_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, types.float64)
 """Kernels, and the types of what tracking calls them with."""
 
-_BESIDE = DESCRIBE, POLYNOMIAL, SOLVE, SHAPE, AGREEMENT, INVERSE
+_BESIDE = DESCRIBE, POLYNOMIAL, SOLVE, SHAPE, INVERSE, NEAREST, BETWEEN
 """What the other process compiles: first of what the solver calls that with which the face is learned meanwhile."""
 _HERE = (
-    RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE, OF_TURN, POSED, MISPLACED, MISPLACEMENT, FIRM,
+    RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE, OF_TURN, AGREEMENT, POSED, MISPLACED, MISPLACEMENT, FIRM,
     TOLD, FOLLOW, ADDED,
 )  # fmt: skip
 """What takes this one as long, once it has learned the face. What is in neither is compiled in no time."""
@@ -88,6 +91,9 @@ def compile_beside() -> None:
     gc.disable()  # a tenth of its time, for a process that ends soon
     for kernel in _BESIDE:
         _compile(kernel)
+    with suppress(OSError):  # of a file that was written anew as it was, Numba keeps what it has
+        for index in _indices() or ():
+            index.touch()
 
 
 def read_kept() -> None:
@@ -126,12 +132,15 @@ def _compile(kernel: Kernel) -> None:
 
 def _is_kept() -> bool:
     """Whether `kernels.solve` was compiled before, later than its file was written; True where nothing is kept."""
+    kept = _indices()
+    return kept is None or any(index.stat().st_mtime > _SOURCE.stat().st_mtime for index in kept)
+
+
+def _indices() -> list[Path] | None:
+    """What Numba has written of `kernels.solve`, of this version of it or others; None where nothing is kept."""
     solve, _ = SOLVE
-    source, folder = Path(kernels.__file__), solve.stats.cache_path
-    if folder is None:
-        return True
-    kept = Path(folder).glob(f"{source.stem}.{solve.__name__}-*.nbi")
-    return any(index.stat().st_mtime > source.stat().st_mtime for index in kept)
+    folder = solve.stats.cache_path
+    return None if folder is None else list(Path(folder).glob(f"{_SOURCE.stem}.{solve.__name__}-*.nbi"))
 
 
 def _processors() -> int:

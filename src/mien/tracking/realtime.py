@@ -11,6 +11,7 @@ import numpy as np
 from mien.appearance.crop import is_blank
 from mien.candide.model import Candide, lid_ways, with_eyes_closed
 from mien.config import RealtimeSettings
+from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -71,6 +72,7 @@ class RealtimeTracker:
         self.settings = settings or RealtimeSettings()
         self.model = model
         self.before = before
+        self.size: tuple[int, int] | None = None
         self.compiled = CompiledBeside()
 
     def again(self) -> RealtimeTracker:
@@ -82,7 +84,7 @@ class RealtimeTracker:
         """Fit the first frame and learn the appearance of its landmarks."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
-        self.camera = camera
+        self.size, self.camera = (frame.width, frame.height), camera
         self.camera_vector = camera.vector
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
         self.person = Person(frame, landmarks, self.fit, camera, s, self.before)
@@ -135,7 +137,14 @@ class RealtimeTracker:
         return np.asarray(beside @ self.pose.R)
 
     def track(self, frame: Frame) -> Estimate:
-        """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for."""
+        """Predict, minimise Eq. (9), judge, learn; a face that is lost is looked for. Raises MienError before
+        `initialize`, and for a frame of another size than the first, of which the camera is."""
+        if self.size != (frame.width, frame.height):
+            require(self.size is not None, "the tracker knows no face yet; call initialize first")
+            raise MienError(
+                f"frame {frame.index} has the size {(frame.width, frame.height)}, the first had {self.size}; "
+                "scale it, as mien.stream does"
+            )
         s = self.settings
         view, solution = self._search(frame)
         status = Status.TRACKED

@@ -110,9 +110,13 @@ class Estimate:
 class Tracker(Protocol):
     """A tracker of one face. It never raises for a lost face: that is a status."""
 
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate: ...
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """Learn the face of a first frame, in which its landmarks are known. Raises MienError where they do not do."""
+        ...
 
-    def track(self, frame: Frame) -> Estimate: ...
+    def track(self, frame: Frame) -> Estimate:
+        """The face in the next frame, of the size of the first."""
+        ...
 
 
 def pack(R: Array, t: Array, animation: Array) -> Array:
