@@ -162,7 +162,7 @@ class UprightInTheCrop(RealtimeTracker):
     """Descriptors keep the direction and the size of the crop that they are read from."""
 
     def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
-        return super()._solve(replace(view, upright=view.pose), start, predicted)
+        return super()._solve(view.upright_at(view.pose), start, predicted)
 
 
 def _set(**settings: Any) -> Callable[[], RealtimeTracker]:

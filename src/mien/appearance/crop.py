@@ -43,8 +43,7 @@ class Crop:
     @cached_property
     def offset(self) -> Array:
         """(2,) where the image's origin lies in the crop."""
-        c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
-        (x, y), middle = self.centre, 0.5 * (self.size - 1)
+        ((c, s), _), (x, y), middle = self.linear.tolist(), self.centre, 0.5 * (self.size - 1)
         return np.array([middle - (c * x + s * y), middle - (c * y - s * x)])
 
     def to_crop(self, p: Array) -> Array:

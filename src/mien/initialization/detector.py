@@ -311,32 +311,20 @@ class _Later(ModuleType):
         return getattr(import_module(self.__name__), name)
 
 
-@contextlib.contextmanager
-def silenced() -> Iterator[None]:
+class _Silence:
     """MediaPipe logs to the process's standard error from C++; keep that off the user's screen, and on it what Python
     writes there: from the first to the last of those who want it so, in whatever threads, as there is one for all."""
-    _silence.begin()
-    try:
-        yield
-    finally:
-        _silence.end()
-
-
-class _Silence:
-    """How many want silence, and what it takes to end it."""
 
     def __init__(self) -> None:
         self.lock, self.wanted, self.kept = threading.Lock(), 0, contextlib.ExitStack()
 
-    def begin(self) -> None:
-        """One more wants it."""
+    def __enter__(self) -> None:
         with self.lock:
             if self.wanted == 0:
                 self.kept.enter_context(_off_screen())
             self.wanted += 1
 
-    def end(self) -> None:
-        """One no longer wants it."""
+    def __exit__(self, *raised: object) -> None:
         with self.lock:
             self.wanted -= 1
             if self.wanted == 0:
@@ -344,6 +332,11 @@ class _Silence:
 
 
 _silence = _Silence()
+
+
+def silenced() -> _Silence:
+    """The one silence of this process, for a `with`."""
+    return _silence
 
 
 @contextlib.contextmanager

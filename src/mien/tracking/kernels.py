@@ -381,16 +381,28 @@ def transposed_product(A: Any, B: Any) -> Any:
 
 
 @kernel()
-def solve_positive(A: Any, b: Any) -> Any:
-    """x with A x = b for a symmetric positive definite A (d, d), by Cholesky; A is overwritten."""
-    d = b.size
-    x = b.copy()
-    for i in range(d):
+def cholesky(A: Any) -> bool:
+    """Make the lower triangle of a symmetric positive definite A (d, d), which alone is read, L with A = L L^T; returns
+    whether it was definite: where not, L is that of something near."""
+    definite = True
+    for i in range(A.shape[0]):
         for j in range(i + 1):
             s = A[i, j]
             for k in range(j):
                 s -= A[i, k] * A[j, k]
+            if i == j:
+                definite = definite and s > 0.0
             A[i, j] = np.sqrt(max(s, 1e-12)) if i == j else s / A[j, j]
+    return definite
+
+
+@kernel()
+def solve_positive(A: Any, b: Any) -> Any:
+    """x with A x = b for a symmetric positive definite A (d, d), which is overwritten."""
+    d = b.size
+    x = b.copy()
+    cholesky(A)
+    for i in range(d):
         for k in range(i):
             x[i] -= A[i, k] * x[k]
         x[i] /= A[i, i]

@@ -59,7 +59,7 @@ class Motion:
     """The patches around the landmarks as the last frame showed them.
 
     weight: (n,) how far each counts when motion is measured; agreement: (n,) correlation of each patch from frame to
-    frame, the mean of the last ones or the last one, if lower.
+    frame, the mean of the last ones or the last one, if lower; seen: of the last frames what `_agreement` compares.
     """
 
     def __init__(self, patches: Array, settings: RealtimeSettings, alike: Mask | None = None) -> None:

@@ -17,7 +17,7 @@ from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
 from mien.tracking.definite import solve_definite
-from mien.tracking.kernels import STATE, add_landmark
+from mien.tracking.kernels import STATE, add_landmark, cholesky
 from mien.tracking.state import Mask
 
 _STEEPEST = 6.0
@@ -107,17 +107,15 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
             for c in range(3):
                 for k in range(3):
                     Lambda[3 * i + r, 3 * i + c] += X[3 + k, 3 * i + r] * R[k, c]
-    for k in range(STATE):  # H = L L^T by Cholesky; L takes the place of its lower triangle, L^-1 G that of G
+    for k in range(STATE):
         for j in range(k):
-            s = H[j, k]
-            for i in range(j):
-                s -= H[k, i] * H[j, i]
-            H[k, j] = s / H[j, j]
-            H[k, k] -= H[k, j] * H[k, j]
+            H[k, j] = H[j, k]
+    cholesky(H)
+    for k in range(STATE):  # L^-1 G takes the place of G
+        for j in range(k):
             G[k] -= H[k, j] * G[j]
             for c in range(3 * n):
                 X[k, c] -= H[k, j] * X[j, c]
-        H[k, k] = np.sqrt(max(H[k, k], 1e-12))
         G[k] /= H[k, k]
         for c in range(3 * n):
             X[k, c] /= H[k, k]

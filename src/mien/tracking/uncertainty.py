@@ -40,6 +40,7 @@ with the features of a face that turns far grows likewise, and rolls it more tha
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
 what is wrong across the view in every frame, and of what a wrong relief adds, by the sine of the turn."""
+_SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """A single landmark's share, where none is seen."""
 _CONFIDENCE = (-7.5, -1.8)
@@ -117,13 +118,10 @@ def _added(variance: float, spread: Any, across: float, systematic: Any) -> Any:
     out = np.empty(spread.shape)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            out[i, j] = variance * spread[i, j]
-            if 3 <= i < 6:
-                out[i, j] *= TRANSLATION_SCALE
-            if 3 <= j < 6:
-                out[i, j] *= TRANSLATION_SCALE
-            if i < 3 and j < 3:
-                out[i, j] += systematic[i, j]
+            out[i, j] = variance * spread[i, j] * _SCALES[i, j]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] += systematic[i, j]
     out[3, 3] += across
     out[4, 4] += across
     return out
