@@ -67,8 +67,14 @@ def euler_from_matrix(R: Array) -> Array:
 
 def matrix_from_euler(angles: Array) -> Array:
     """`Rx(x) Ry(y) Rz(z)` of angles (x, y, z) in radians. (3,) -> (3, 3)."""
-    x, y, z = np.asarray(angles, dtype=float)
-    return exp(np.array([x, 0, 0])) @ exp(np.array([0, y, 0])) @ exp(np.array([0, 0, z]))
+    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(angle), math.cos(angle)) for angle in np.asarray(angles).tolist())
+    return np.array(
+        [
+            [cy * cz, -cy * sz, sy],
+            [cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy],
+            [sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy],
+        ]
+    )
 
 
 def euler_jacobian(R: Array) -> Array:

@@ -11,6 +11,7 @@ all frames are known, all rotations are turned alike to what is known then of th
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +48,7 @@ class HeadAxes:
     def learn(self, shape: ShapePosterior) -> None:
         """Find the axes again, of a shape that has been learned further."""
         lean = self.share * shape.lean
-        if np.abs(lean - self._lean).max() < _LEAST:
+        if math.dist(lean.tolist(), self._lean.tolist()) < _LEAST:
             return
         self._lean, fit = lean, self.fit
         R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.turn, fit.t, _SD_DEG)

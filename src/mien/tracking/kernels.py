@@ -533,8 +533,10 @@ def evaluate(
 def room_for(n: int) -> tuple[NDArray[Any], ...]:
     """Where `solve` puts residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of
     everything there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
-    shapes = (n, 4, 4), (n, 4), (n,), (n, 4, STATE), (n,), (STATE, STATE), (STATE,)
-    return np.zeros((2, n, 128), np.float32), *(np.zeros((2, *shape)) for shape in shapes)
+    return (
+        np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
+        np.zeros((2, n, 4, STATE)), np.zeros((2, n)), np.zeros((2, STATE, STATE)), np.zeros((2, STATE)),
+    )  # fmt: skip
 
 
 @kernel()

@@ -156,7 +156,7 @@ class Person:
         s = self.settings
         low, high = _TELLING_DEG
         if low < self._turned_deg(solution) < high:
-            eyes, others = (solution.misfit(self.expected, of) for of in (self.eyes, ~self.eyes))
+            eyes, others = (solution.misfit_of(solution.facing & of) for of in (self.eyes, ~self.eyes))
             if 0 < eyes < math.inf and 0 < others < math.inf:
                 self.strangeness += s.spectacles_rate * (math.log(eyes / others) - self.strangeness)
         least = s.strange_distance if self.strangeness < SPECTACLES else s.spectacles_distance

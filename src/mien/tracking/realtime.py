@@ -155,7 +155,7 @@ class RealtimeTracker:
                 return self._lose(frame, view, solution)
             view, solution = found
         elif self._doubt(solution):
-            found = self._recover(frame, _BETTER * solution.misfit(self.person.expected))
+            found = self._recover(frame, _BETTER * solution.misfit)
             if found is not None:
                 (view, solution), status = found, Status.RECOVERED
         if self.lost_frames:
@@ -208,7 +208,7 @@ class RealtimeTracker:
             start = Pose(*placed, self.fit.animation)
             coarse = self._solve(self._look(self.face.coarse, frame, start), start, Prediction(start, self.information))
             view, solution = self._fine(frame, Prediction(coarse.pose, self.information))
-            if solution.share(s.seen_distance) >= s.recovered_share and solution.misfit(self.person.expected) < misfit:
+            if solution.share(s.seen_distance) >= s.recovered_share and solution.misfit < misfit:
                 self.closing = self.person.closing(solution)
                 return view, solution
         return None
@@ -255,7 +255,7 @@ class RealtimeTracker:
 
     def _unlike(self, found: Solution) -> bool:
         """Whether what was found does not look like the face."""
-        return found.misfit(self.person.expected) > self.settings.retry_distance
+        return found.misfit > self.settings.retry_distance
 
     def _hold(self, predicted: Pose, found: Solution) -> Solution:
         """Few landmarks say less of the pose than that a head moves little in a frame: the pose between what is
@@ -359,7 +359,7 @@ class RealtimeTracker:
         R, t, a, energy, H, residual, M, g, d2, B, w, _ = self._posterior(view, predicted).solve(
             *start.arrays, s.iterations, s.tolerance
         )
-        return Solution(Pose(R, t, a), energy, H, residual, M, g, d2, B, w, view.facing)
+        return Solution(Pose(R, t, a), energy, H, residual, M, g, d2, B, w, view.facing, self.person.expected.copy())
 
     def _prior(self, predicted: Prediction) -> tuple[Array, ...]:
         """The prior as the kernels take it: about a prediction, and of the animation about its rest. It has heavy tails

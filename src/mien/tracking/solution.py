@@ -87,13 +87,17 @@ class View:
     @cached_property
     def maps(self) -> Float32:
         """Orientation maps of the crop."""
-        return orientation_maps(self.image, self.level.descriptor.cell, self.leaning(self.upright)[0])
+        return orientation_maps(self.image, self.level.descriptor.cell, self._leaning[0])
 
     @property
     def reading(self) -> tuple[int, float, float, float]:
         """How descriptors are read from the maps, as the kernels take it."""
         descriptor = self.level.descriptor
-        return descriptor.cell, descriptor.root, *self.leaning(self.upright)
+        return descriptor.cell, descriptor.root, *self._leaning
+
+    @cached_property
+    def _leaning(self) -> tuple[float, float]:
+        return self.leaning(self.upright)
 
     def leaning(self, pose: Pose) -> tuple[float, float]:
         """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at that for which the crop was made."""
@@ -120,24 +124,29 @@ class Solution:
     B: Array
     w: Array
     facing: Mask  # landmarks that face the camera, inside the image
+    expected: Array  # (n,) what d2 is of a look that is as it should be
 
     @cached_property
     def spread(self) -> Array:
         """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
         return inverse_definite(self.H)
 
-    def misfit(self, expected: Array, of: Mask | None = None) -> float:
-        """Median, over the landmarks that can be seen (those of them that are `of` (n,)), of the squared distance over
-        the expected one; infinite where there is none."""
-        # Python sorts a few numbers faster than NumPy.
-        ratio = sorted((self.d2 / expected)[self.facing if of is None else self.facing & of].tolist())
+    @cached_property
+    def misfit(self) -> float:
+        """Median, over the landmarks that can be seen, of the squared distance over the expected one; infinite where
+        there is none."""
+        return self.misfit_of(self.facing)
+
+    def misfit_of(self, seen: Mask) -> float:
+        """The same of landmarks `seen` (n,)."""
+        ratio = sorted((self.d2[seen] / self.expected[seen]).tolist())  # for a few numbers faster than NumPy
         return float(ratio[len(ratio) // 2]) if ratio else math.inf
 
     def seen(self, most: float) -> Mask:
         """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
         return np.asarray(self.facing & (self.d2 <= most))
 
-    @property
+    @cached_property
     def telling(self) -> Array:
         """Squared distances (m,) of what can be seen and tells a face from what is none: the landmarks without the
         anchors, as plain skin looks like much else."""
