@@ -123,7 +123,7 @@ def track_faces(
     on; `overlay` shows all of them. NAME.json says how many there are; until the last is done, that it is not complete.
     Each track has a row for every frame, and no face where a track that is more certain has it.
 
-    Raises MienError for bad input, and where no face detector is installed or no face is found.
+    Raises MienError for bad input, and where no face is found.
     """
     tracker = create_tracker(preset)
     inputs = (video, camera, file_of(preset))

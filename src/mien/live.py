@@ -41,7 +41,7 @@ def stream(
     anew_after: seconds after which a face that is lost, or looks like somebody else's, is given up, and whatever face
     is seen then is learned in its place; its first estimate has the status INITIALIZED.
 
-    Raises MienError for bad input, and where no face detector is installed.
+    Raises MienError for bad input.
     """
     patient = isinstance(anew_after, Real) and anew_after >= 0
     require(patient, f"anew_after is {anew_after!r}; give a number of seconds")

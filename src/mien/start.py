@@ -249,8 +249,7 @@ class Patience:
         self.met: tuple[Landmarks, FirstFrame] | None = None  # the face when it came, and where it looked
 
     def __call__(self, frame: Frame) -> list[Landmarks]:
-        """The faces of a frame, the largest first, if it is one to begin with. Raises MienError where MediaPipe is not
-        installed."""
+        """The faces of a frame, the largest first, if it is one to begin with."""
         from mien.initialization.detector import detect, look
 
         faces = look(frame, self.at)

@@ -12,7 +12,7 @@ from contextlib import suppress
 from importlib import import_module
 
 from mien.cli import main
-from mien.initialization.detector import import_solution
+from mien.initialization.mediapipe_mesh import import_solution
 from mien.output.columns import import_pandas
 from mien.tracking import first_run
 

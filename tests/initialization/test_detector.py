@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
+import threading
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.initialization import detector
+from mien.initialization.mediapipe_mesh import silenced
 from small_motion import face, small_motion
 
-pytest.importorskip("mediapipe", reason="the extra `auto` is not installed")
+needs_mediapipe = pytest.mark.skipif(
+    importlib.util.find_spec("mediapipe") is None, reason="the extra `auto` is not installed"
+)
+
+
+@pytest.fixture(params=[pytest.param("MediaPipe", marks=needs_mediapipe), "OpenCV"], autouse=True)
+def network(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What looks for faces."""
+
+    def not_installed(faces: int) -> None:
+        raise ImportError
+
+    if request.param == "OpenCV":
+        monkeypatch.setattr(detector, "MediaPipeMesh", not_installed)
+        monkeypatch.setattr(detector, "_kept", threading.local())
+    return str(request.param)
 
 
 def _texture() -> Frame:
@@ -27,7 +45,7 @@ def _texture() -> Frame:
 def test_standard_error_comes_back_after_the_last_of_those_who_silenced_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """As two threads do that look for faces at the same time: who began first ends first."""
     monkeypatch.setattr(sys, "stderr", sys.__stderr__)
-    before, one, other = os.fstat(2).st_ino, detector.silenced(), detector.silenced()
+    before, one, other = os.fstat(2).st_ino, silenced(), silenced()
     one.__enter__()
     other.__enter__()
     one.__exit__(None, None, None)
@@ -106,13 +124,13 @@ def test_a_face_that_is_too_small_to_be_tracked_is_passed_over() -> None:
 def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
     """The network takes a texture for a face; turned and scaled it does not."""
     texture, portrait = _texture(), Frame(small_motion().frames[1].pixels, 1)
-    read = detector.read_faces
+    near = detector._Finder.near
     seen_once = np.random.default_rng(1).uniform(60, 180, (478, 3))
 
-    def fooled(mesh: Any, pixels: Pixels) -> Any:
-        return [seen_once] if pixels is texture.pixels else read(mesh, pixels)
+    def fooled(finder: Any, frame: Frame) -> Any:
+        return [seen_once] if frame is texture else near(finder, frame)
 
-    monkeypatch.setattr(detector, "read_faces", fooled)
+    monkeypatch.setattr(detector._Finder, "near", fooled)
     assert detector.detect(texture) == []
     found = detector.first_with_a_face([texture, portrait])
     assert found is not None
@@ -133,7 +151,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
     answers = [[*others, _moved(0.1)], others[:0], [_moved(0.3, 1.1), *others], [_moved(3.0)], [_moved(0.2)]]
     frames = [Frame(small_motion().frames[0].pixels, k) for k in range(1, 1 + len(answers))]
     shown = iter(answers)
-    monkeypatch.setattr(detector, "read_faces", lambda mesh, pixels: next(shown))
+    monkeypatch.setattr(detector._Finder, "near", lambda finder, frame: next(shown))
     monkeypatch.setattr(detector._Finder, "closer", lambda finder, frame, place: [])
     first = detector._landmarks(small_motion().frames[0], _moved(0.0))
     followed = list(detector.follow(first, frames))
@@ -151,10 +169,11 @@ def test_a_closer_look_is_that_of_detection() -> None:
     assert detector.refine(_texture(), once) is None
 
 
+@needs_mediapipe
 def test_the_network_comes_without_what_draws_its_results() -> None:
     asked = """
 import sys
-from mien.initialization.detector import import_solution
+from mien.initialization.mediapipe_mesh import import_solution
 assert import_solution("face_mesh", "FaceMesh").__name__ == "FaceMesh"
 print("matplotlib" in sys.modules)
 from mediapipe.python.solutions import drawing_utils

@@ -16,8 +16,8 @@ from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import Array, exp, log, similarity
-from mien.initialization.detector import import_solution, read_faces, silenced
 from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_told
+from mien.initialization.mediapipe_mesh import import_solution, read_faces, silenced
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install 'mien[auto]' (Python 3.10 to 3.12)"

@@ -1,7 +1,7 @@
-"""Faces of a frame found by MediaPipe, when the extra `auto` is installed.
+"""Faces of a frame: found by MediaPipe when the extra `auto` is installed, else by OpenCV with networks of MediaPipe's.
 
-Face Mesh sees faces from about an eighth of the image's width on. Where it sees none, MediaPipe's detector for distant
-faces says where to look closer, down to a twenty-fifth of the width.
+Either sees faces from about an eighth of the image's width on. Where it sees none, a search for distant faces says
+where to look closer, down to a twenty-fifth of the width.
 
 The network is asked several times, on slightly turned, scaled and darkened copies of the frame, and its answers are
 averaged: everything that follows rests on this one frame. What it sees in the frame and in few of the copies is no
@@ -13,27 +13,20 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
-from importlib import import_module
 from itertools import product
-from types import ModuleType
-from typing import Any
 
 import cv2
 import numpy as np
 
-from mien.errors import MienError
 from mien.frame import Frame, Pixels
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Point, place_of
+from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Place, Point, place_of
+from mien.initialization.mediapipe_mesh import MediaPipeMesh, silenced
+from mien.initialization.opencv_mesh import OpenCVMesh
 
-NO_DETECTOR = (
-    "no landmarks were given and no face detector is installed: install it with "
-    "pip install 'mien[auto]' (Python 3.10 to 3.12), or annotate the first frame and pass --landmarks FILE"
-)
 _COPIES = (
     (0.0, 1.0, 1.0), (-8.0, 0.95, 1.6), (8.0, 0.95, 1.6), (-4.0, 1.1, 2.0), (4.0, 1.1, 2.0), (0.0, 0.85, 1.6)
 )  # fmt: skip
@@ -55,19 +48,14 @@ _OUTVOTED = 0.22
 
 
 def detect(frame: Frame, at: Point | None = None) -> list[Landmarks]:
-    """The faces of a frame, largest first, scheme `mediapipe478`, with depths. at: pixels; only faces there count.
-
-    Raises MienError where MediaPipe is not installed.
-    """
+    """The faces of a frame, largest first, with depths, scheme `mediapipe478`, or `mediapipe468` where OpenCV finds
+    them. at: pixels; only faces there count."""
     found = first_with_a_face([frame], at)
     return [] if found is None else found[1]
 
 
 def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
-    """The first frame in which there is a face, with the faces of it as `detect` gives them; None where none has one.
-
-    Raises MienError where MediaPipe is not installed.
-    """
+    """The first frame in which there is a face, with its faces as `detect` gives them; None where none has one."""
     with _finder(_MAXIMUM_FACES) as finder:
         for k, frame in enumerate(frames):
             seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
@@ -80,28 +68,19 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
 
 def look(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:
     """The faces of a frame as `detect` gives them, but from a single look, for finding a face again. distant: where
-    there is none, also those that are small in the image.
-
-    Raises MienError where MediaPipe is not installed.
-    """
+    there is none, also those that are small in the image."""
     with _finder(_MAXIMUM_FACES) as finder:
         return [_landmarks(frame, face) for face in finder.largest_first(frame, distant, at)]
 
 
 def everybody(frame: Frame) -> list[Landmarks]:
-    """All faces of a frame, the largest first, from a single look, those that are small in the image as well as others.
-
-    Raises MienError where MediaPipe is not installed.
-    """
+    """All faces of a frame, the largest first, from a single look, also those that are small in the image."""
     with _finder(_MAXIMUM_FACES) as finder:
         return [_landmarks(frame, face) for face in _by_size(finder.distant(frame, finder.near(frame)))]
 
 
 def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
-    """A face in later frames, from a single look each; frames that show none where it was last are passed over.
-
-    Raises MienError where MediaPipe is not installed.
-    """
+    """A face in later frames, from a single look each; frames that show none where it was last are passed over."""
     with _finder(_MAXIMUM_FACES) as finder:
         for frame in frames:
             same = _same(frame, finder.near(frame), face)
@@ -113,10 +92,7 @@ def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, La
 
 
 def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
-    """A face from a single look, from several; None where they do not show it.
-
-    Raises MienError where MediaPipe is not installed.
-    """
+    """A face from a single look, from several; None where they do not show it."""
     assert face.depths is not None, "a detected face has depths"
     seen_again = _average(frame, np.column_stack([face.points, face.depths]))
     return None if seen_again is None else _landmarks(frame, seen_again)
@@ -135,11 +111,11 @@ def _apart(a: Landmarks, b: Landmarks) -> float:
 
 
 def _landmarks(frame: Frame, face: Array) -> Landmarks:
-    return Landmarks(face[:, :2], "mediapipe478", face[:, 2], frame.index, frame.time, "detected face")
+    return Landmarks(face[:, :2], f"mediapipe{len(face)}", face[:, 2], frame.index, frame.time, "detected face")
 
 
 def _average(frame: Frame, face: Array) -> Array | None:
-    """Mean of one face's points (478, 3) over turned and scaled copies of the image around it; None where less than
+    """Mean of one face's points (n, 3) over turned and scaled copies of the image around it; None where less than
     half of the copies show it."""
     place = place_of(face)
     with _finder(1) as finder:
@@ -148,30 +124,26 @@ def _average(frame: Frame, face: Array) -> Array | None:
     return np.mean(near, axis=0) if 2 * len(near) >= len(_COPIES) else None
 
 
-_Place = tuple[Array, float]
-"""Centre (2,) and larger side in pixels of what may be a face."""
-
-
 def _there(faces: list[Array], at: Point | None) -> list[Array]:
-    """Those faces (478, 3) that are at a point, or hardly beside it; all where none is given."""
+    """Those faces (n, 3) that are at a point, or hardly beside it; all where none is given."""
     if at is None:
         return faces
     return [face for face in faces if np.abs(place_of(face)[0] - at).max() < _BESIDE * _size(face)]
 
 
-def _is_among(place: _Place, faces: Iterable[Array]) -> bool:
-    """Whether one of the faces (478, 3) is at a place."""
+def _is_among(place: Place, faces: Iterable[Array]) -> bool:
+    """Whether one of the faces (n, 3) is at a place."""
     middle, size = place
     return any(np.linalg.norm(middle - place_of(face)[0]) <= _SAME_PLACE * size for face in faces)
 
 
 def _by_size(faces: list[Array]) -> list[Array]:
-    """The faces (478, 3), the largest first."""
+    """The faces (n, 3), the largest first."""
     return sorted(faces, key=lambda face: -float(np.ptp(face[:, :2], axis=0).prod()))
 
 
 def _size(face: Array) -> float:
-    """Larger side of a face (478, 3) in pixels."""
+    """Larger side of a face (n, 3) in pixels."""
     return place_of(face)[1]
 
 
@@ -193,37 +165,29 @@ def _tones(gamma: float, brightest: int) -> Pixels:
     return np.asarray(np.rint(brightest * np.minimum(np.arange(256) / max(brightest, 1), 1.0) ** gamma), np.uint8)
 
 
-def read_faces(mesh: Any, pixels: Any) -> list[Array]:
-    """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
-    height, width = pixels.shape[:2]
-    answer = mesh.process(np.ascontiguousarray(pixels)).multi_face_landmarks or []
-    # Its pixels are counted from the centre of the first: with half a pixel taken off, as from its edge, what is found
-    # in a mirrored picture lies half a pixel beside what is found in the picture, however large both are drawn.
-    return [np.array([[p.x * width, p.y * height, p.z * width] for p in f.landmark]) for f in answer]
-
-
 class _Finder:
-    """Face Mesh, and the detector for distant faces, which is made when it is first asked."""
+    """Looks for faces near and far with MediaPipe, or where it is not installed with OpenCV."""
 
     def __init__(self, faces: int) -> None:
-        """faces: the largest number that is looked for. Raises ImportError where MediaPipe is not installed."""
-        self.mesh = import_solution("face_mesh", "FaceMesh")(
-            static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
-        )
-        self.detection: Any = None
+        """faces: the largest number that is looked for."""
+        self.mesh: MediaPipeMesh | OpenCVMesh
+        try:
+            self.mesh = MediaPipeMesh(faces)
+        except ImportError:
+            self.mesh = OpenCVMesh(faces)
 
     def largest_first(self, frame: Frame, distant: bool = True, at: Point | None = None) -> list[Array]:
-        """Points (478, 3) of every face that is seen, at a point where one is given; distant: where there is none, also
+        """Points (n, 3) of every face that is seen, at a point where one is given; distant: where there is none, also
         of those that are small in the image."""
         faces = _there(self.near(frame), at) or (_there(self.distant(frame), at) if distant else [])
         return _by_size(faces)
 
     def near(self, frame: Frame) -> list[Array]:
-        """Points (478, 3) of every face that is large enough in the image to be seen in it."""
-        return read_faces(self.mesh, frame.pixels)
+        """Points (n, 3) of every face that is large enough in the image to be seen in it."""
+        return self.mesh.faces(frame.pixels)
 
     def distant(self, frame: Frame, near: Sequence[Array] | None = None) -> list[Array]:
-        """Points (478, 3) of every face that is seen only in a closer look, and is large enough to be tracked. near:
+        """Points (n, 3) of every face that is seen only in a closer look, and is large enough to be tracked. near:
         where these are given, all faces are wanted: smaller ones are looked for everywhere, and come after these."""
         faces = list(near or ())
         for place in self._places(frame, everywhere=near is not None):
@@ -233,18 +197,18 @@ class _Finder:
         return faces
 
     def closer(
-        self, frame: Frame, place: _Place, turn_deg: float = 0.0, scale: float = 1.0, gamma: float = 1.0
+        self, frame: Frame, place: Place, turn_deg: float = 0.0, scale: float = 1.0, gamma: float = 1.0
     ) -> list[Array]:
-        """Points (478, 3) in the frame of the faces that are seen in a turned, scaled and darkened copy of its part
+        """Points (n, 3) in the frame of the faces that are seen in a turned, scaled and darkened copy of its part
         around a place."""
         centre, size = place
         side = _CROP_SIDE * size
         pixels = int(np.clip(side, *_CROP_PIXELS))
         A = _crop_matrix(centre, turn_deg, scale * pixels / side, pixels)
         crop = cv2.warpAffine(frame.pixels, A, (pixels, pixels), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return [_uncrop(face, A) for face in read_faces(self.mesh, cv2.LUT(crop, _tones(gamma, int(crop.max()))))]
+        return [_uncrop(face, A) for face in self.mesh.faces(cv2.LUT(crop, _tones(gamma, int(crop.max()))))]
 
-    def _places(self, frame: Frame, everywhere: bool) -> list[_Place]:
+    def _places(self, frame: Frame, everywhere: bool) -> list[Place]:
         """Where there may be a face: in the whole frame, and if there is none, or everywhere, in the quarters of a
         large one."""
         places = self._places_in(frame.pixels, np.zeros(2))
@@ -254,16 +218,9 @@ class _Finder:
                 places += self._places_in(frame.pixels[y : y + height, x : x + width], np.array([x, y]))
         return places
 
-    def _places_in(self, pixels: Pixels, corner: Array) -> list[_Place]:
+    def _places_in(self, pixels: Pixels, corner: Array) -> list[Place]:
         """Where there may be a face in a part of a frame that has its corner (2,) there."""
-        if self.detection is None:
-            self.detection = import_solution("face_detection", "FaceDetection")(model_selection=1)
-        places = []
-        for found in self.detection.process(np.ascontiguousarray(pixels)).detections or []:
-            box, extent = found.location_data.relative_bounding_box, pixels.shape[1::-1]
-            size = np.array([box.width, box.height]) * extent
-            places.append((corner + np.array([box.xmin, box.ymin]) * extent + 0.5 * size, float(size.max())))
-        return places
+        return [(corner + centre, size) for centre, size in self.mesh.places(pixels)]
 
 
 _kept = threading.local()
@@ -277,81 +234,5 @@ def _finder(faces: int) -> Iterator[_Finder]:
     key = f"{os.getpid()} {faces}"
     with silenced():
         if key not in finders:
-            try:
-                finders[key] = _Finder(faces)
-            except ImportError as e:
-                raise MienError(NO_DETECTOR) from e
+            finders[key] = _Finder(faces)
         yield finders[key]
-
-
-def import_solution(module: str, name: str) -> Any:
-    """One of MediaPipe's solutions. What draws their results comes with them and imports Matplotlib, which takes half a
-    second: that is put off until somebody draws.
-
-    Raises ImportError where MediaPipe is not installed.
-    """
-    names = ("matplotlib", "matplotlib.pyplot")
-    later = {} if names[0] in sys.modules else {name: _Later(name) for name in names}
-    if later:
-        vars(later[names[0]])["pyplot"] = later[names[1]]
-    sys.modules.update(later)
-    try:
-        return getattr(import_module(f"mediapipe.python.solutions.{module}"), name)
-    finally:
-        for name in later:
-            del sys.modules[name]
-
-
-class _Later(ModuleType):
-    """Stands for a module until something of it is asked for."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(import_module(self.__name__), name)
-
-
-class _Silence:
-    """MediaPipe logs to the process's standard error from C++; keep that off the user's screen, and on it what Python
-    writes there: from the first to the last of those who want it so, in whatever threads, as there is one for all."""
-
-    def __init__(self) -> None:
-        self.lock, self.wanted, self.kept = threading.Lock(), 0, contextlib.ExitStack()
-
-    def __enter__(self) -> None:
-        with self.lock:
-            if self.wanted == 0:
-                self.kept.enter_context(_off_screen())
-            self.wanted += 1
-
-    def __exit__(self, *raised: object) -> None:
-        with self.lock:
-            self.wanted -= 1
-            if self.wanted == 0:
-                self.kept.close()
-
-
-_silence = _Silence()
-
-
-def silenced() -> _Silence:
-    """The one silence of this process, for a `with`."""
-    return _silence
-
-
-@contextlib.contextmanager
-def _off_screen() -> Iterator[None]:
-    """Standard error goes nowhere, but for what Python writes to it."""
-    own, saved, null = sys.stderr, os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    with os.fdopen(saved, "w", buffering=1, closefd=False) as screen:
-        if own is sys.__stderr__:
-            sys.stderr = screen
-        try:
-            yield
-        finally:
-            sys.stderr = own
-            screen.flush()
-            os.dup2(saved, 2)
-            os.close(saved)
-            os.close(null)

@@ -1,7 +1,7 @@
 """Landmarks of the first frame: which point of an annotation is which vertex of CANDIDE; files.
 
 A set of landmarks has a scheme, which fixes how many points there are and what they mean:
-`candide26` (the landmarks that are tracked), `ibug68`, or `mediapipe478`.
+`candide26` (the landmarks that are tracked), `ibug68`, `mediapipe478`, or `mediapipe468`, which is that without irises.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _IBUG68: _Pairs = {
     48: 64, 50: 66, 51: 7, 52: 33, 54: 31, 57: 8,  # outer lips
     60: 89, 62: 87, 64: 88, 66: 40,  # inner lips
 }  # fmt: skip
-_MEDIAPIPE478: _Pairs = {
+_MEDIAPIPE: _Pairs = {
     152: 10,  # chin
     46: 48, 105: 49, 107: 50, 336: 17, 334: 16, 276: 15,  # brows
     6: 94, 4: 5, (97, 98): 59, (94, 164): 6, (326, 327): 26,  # nose
@@ -76,16 +76,20 @@ _CANDIDE26: _Pairs = {i: v for i, v in enumerate(LANDMARK_VERTICES.values())}
 _SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "candide26": (26, _CANDIDE26),
     "ibug68": (68, _IBUG68),
-    "mediapipe478": (478, _MEDIAPIPE478),
+    "mediapipe478": (478, _MEDIAPIPE),
+    "mediapipe468": (468, _MEDIAPIPE),
 }
 SCHEMES = tuple(_SCHEMES)
 _TOLD: Mapping[str, Mapping[str, tuple[int, int]]] = {
-    "mediapipe478": {"right_eye_outer_corner": (33, 7), "left_eye_outer_corner": (263, 249)}
+    scheme: {"right_eye_outer_corner": (33, 7), "left_eye_outer_corner": (263, 249)}
+    for scheme in ("mediapipe478", "mediapipe468")
 }
 """Where people mark a landmark, as far as that is not where the model is fitted and tracked, which moves less with the
 lids: outer corners of the eyes lie a hundredth of their distance below (docs/experiments.md)."""
 Point = tuple[float, float]
 """Pixels of the image, x and y."""
+Place = tuple[Array, float]
+"""Centre (2,) and larger side in pixels of a face, or of what may be one."""
 
 
 def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -189,7 +193,7 @@ class Landmarks:
         }
 
 
-def place_of(points: Array) -> tuple[Array, float]:
+def place_of(points: Array) -> Place:
     """Centre (2,) and larger side in pixels of a face with points (n, 2 or 3)."""
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     return 0.5 * (low + high), float((high - low).max())

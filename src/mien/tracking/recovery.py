@@ -1,4 +1,4 @@
-"""Finding a face again: keyframes matched by SIFT and placed by PnP, or the detector where it is installed.
+"""Finding a face again: keyframes matched by SIFT and placed by PnP, or the detector.
 
 Both only propose poses; the tracker's own energy decides whether the face that is there is the one it knows.
 """
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.views import crop_camera, crop_of_face
-from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
@@ -139,13 +138,9 @@ class Keyframes:
 def find_by_detector(
     frame: Frame, fit: FirstFrame, camera: Camera, distant: bool = True
 ) -> Iterator[tuple[Array, Array]]:
-    """Poses R, t of the faces that the detector sees, the largest first; none without the extra `auto`. distant: where
-    there is none, also of those that are small in the image."""
-    try:
-        faces = look(frame, distant=distant)
-    except MienError:
-        return
-    for face in faces[:_MOST_FACES]:
+    """Poses R, t of the faces that the detector sees, the largest first. distant: where there is none, also of those
+    that are small in the image."""
+    for face in look(frame, distant=distant)[:_MOST_FACES]:
         vertices, points, _ = face.correspondences()
         placed = _pnp(fit.vertices()[vertices], points, camera, 0.05 * float(np.ptp(points)))
         if placed is not None:

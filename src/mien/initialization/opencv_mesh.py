@@ -1,0 +1,139 @@
+"""Faces found by OpenCV alone, where MediaPipe is not installed, which has no release with its models for Python 3.13.
+
+The two networks are MediaPipe's, and come with mien (NOTICE): BlazeFace for near faces finds them with their eyes, Face
+Mesh finds 468 points in an upright square around each. MediaPipe's own graph then moves lids and lips to where a second
+network sees them, with layers that OpenCV does not have; here Face Mesh looks twice.
+
+V. Bazarevsky et al., BlazeFace: sub-millisecond neural face detection on mobile GPUs, 2019; Y. Kartynnik et al.,
+Real-time facial surface geometry from monocular video on mobile GPUs, 2019.
+"""
+
+from __future__ import annotations
+
+import math
+from importlib.resources import files
+from itertools import product
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.frame import Pixels
+from mien.geometry.rotation import Array
+from mien.initialization.landmarks import Place
+
+_Image = NDArray[np.float32]
+
+_DETECTOR_PX, _MESH_PX = 128, 192
+"""Sides of the squares that the networks look at."""
+_GRIDS = ((16, 2), (8, 6))
+"""Cells along a side of the detector's grids, and how many faces each cell may tell of."""
+_LEAST_SCORE, _MOST_OVERLAP = 0.5, 0.3
+_SQUARES = 3
+"""How many squares along the longer side are searched for distant faces, and as many between them."""
+_MARGIN = 1.5
+"""Side of the square in which the mesh is looked for, in sizes of the face."""
+_EYES = 33, 263
+"""Outer corners of the eyes, right and left, in the mesh."""
+
+
+class OpenCVMesh:
+    """The two networks."""
+
+    def __init__(self, faces: int) -> None:
+        """faces: the largest number of faces that is told of."""
+        self.most = faces
+        self.detector, self.mesh = (_read(name) for name in ("face_detection_short_range", "face_landmark"))
+        self.anchors = np.concatenate([np.repeat(_centres(cells), count, axis=0) for cells, count in _GRIDS])
+
+    def faces(self, pixels: Pixels) -> list[Array]:
+        """Points (468, 3) in pixels of the faces of an image (H, W, 3), RGB; the third is depth relative to the head's
+        centre."""
+        found = []
+        for box, eyes in self.detect(pixels)[: self.most]:
+            face = self._mesh_in(pixels, box, eyes)
+            face = None if face is None else self._mesh_in(pixels, _box(face), face[list(_EYES), :2])
+            if face is not None:
+                found.append(face)
+        return found
+
+    def places(self, pixels: Pixels) -> list[Place]:
+        """Where there may be a face, near or distant: in the image, and in overlapping squares of a third of its longer
+        side."""
+        height, width = pixels.shape[:2]
+        side = math.ceil(max(height, width) / _SQUARES)
+        places = [_place(box) for box, _ in self.detect(pixels)]
+        for y, x in product(_starts(height, side), _starts(width, side)):
+            found = self.detect(np.ascontiguousarray(pixels[y : y + side, x : x + side]))
+            places += [_place(box + np.array([[x, y], [0, 0]])) for box, _ in found]
+        return places
+
+    def detect(self, pixels: Pixels) -> list[tuple[Array, Array]]:
+        """Boxes (2, 2) of faces, corner and size, and their eyes (2, 2), right and left, in pixels; surest first."""
+        height, width = pixels.shape[:2]
+        side = max(height, width)
+        shrunk = [max(round(_DETECTOR_PX * length / side), 1) for length in (width, height)]
+        square = np.zeros((_DETECTOR_PX, _DETECTOR_PX, 3), np.uint8)
+        corner = [(_DETECTOR_PX - length) // 2 for length in shrunk]
+        smaller = cv2.INTER_AREA if side > _DETECTOR_PX else cv2.INTER_LINEAR
+        square[corner[1] : corner[1] + shrunk[1], corner[0] : corner[0] + shrunk[0]] = cv2.resize(
+            pixels, shrunk, interpolation=smaller
+        )
+        scores, boxes = sorted(_run(self.detector, square / np.float32(127.5) - 1), key=np.size)
+        score = 1 / (1 + np.exp(-np.clip(scores.ravel(), -50, 50)))
+        # Centre, size and six points of each face, all but the size from the middle of its cell.
+        places = boxes.reshape(-1, 8, 2) / _DETECTOR_PX
+        places[:, [0, *range(2, 8)]] += self.anchors[:, None]
+        scale = np.array([width / shrunk[0], height / shrunk[1]])
+        places[:, [0, *range(2, 8)]] -= np.array(corner) / _DETECTOR_PX
+        places *= _DETECTOR_PX * scale
+        places[:, 0] -= 0.5 * places[:, 1]
+        kept = cv2.dnn.NMSBoxes(places[:, :2].reshape(-1, 4).tolist(), score.tolist(), _LEAST_SCORE, _MOST_OVERLAP)
+        return [(places[k, :2], places[k, 2:4]) for k in np.ravel(kept).astype(int)]
+
+    def _mesh_in(self, pixels: Pixels, box: Array, eyes: Array) -> Array | None:
+        """Points (468, 3) of a face in a box (2, 2) with eyes (2, 2); None where there is none."""
+        side = _MARGIN * float(box[1].max())
+        (x, y), centre = eyes[1] - eyes[0], box[0] + 0.5 * box[1]
+        A = cv2.getRotationMatrix2D(centre.tolist(), math.degrees(math.atan2(y, x)), _MESH_PX / max(side, 1e-6))
+        A[:, 2] += 0.5 * _MESH_PX - centre
+        upright = cv2.warpAffine(pixels, A, (_MESH_PX, _MESH_PX), flags=cv2.INTER_LINEAR)
+        points, score = sorted(_run(self.mesh, upright / np.float32(255)), key=np.size, reverse=True)
+        if score.item() < 0:  # a logit
+            return None
+        points = points.reshape(-1, 3)
+        back = cv2.invertAffineTransform(A)
+        return np.column_stack([points[:, :2] @ back[:, :2].T + back[:, 2], points[:, 2] * side / _MESH_PX])
+
+
+def _starts(length: int, side: int) -> list[int]:
+    """Where squares begin that cover a length, each half over the next."""
+    count = max(math.ceil(2 * length / side) - 1, 1)
+    return [round(start) for start in np.linspace(0, max(length - side, 0), count).tolist()]
+
+
+def _place(box: Array) -> Place:
+    return box[0] + 0.5 * box[1], float(box[1].max())
+
+
+def _box(face: Array) -> Array:
+    """Corner and size (2, 2) of a face with points (n, 3)."""
+    low, high = face[:, :2].min(axis=0), face[:, :2].max(axis=0)
+    return np.array([low, high - low])
+
+
+def _centres(cells: int) -> Array:
+    """Middles (cells^2, 2) of the cells of a grid over the unit square, x and y, row by row."""
+    y, x = np.mgrid[:cells, :cells] + 0.5
+    return np.column_stack([x.ravel(), y.ravel()]) / cells
+
+
+def _read(name: str) -> Any:
+    return cv2.dnn.readNetFromTFLite(np.frombuffer((files("mien") / "data" / f"{name}.tflite").read_bytes(), np.uint8))
+
+
+def _run(network: Any, image: _Image) -> list[Array]:
+    """What a network says of an image (H, W, 3)."""
+    network.setInput(np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32))
+    return [np.asarray(answer, dtype=float) for answer in network.forward(network.getUnconnectedOutLayersNames())]
