@@ -21,7 +21,7 @@ from mien.initialization.landmarks import Landmarks, rows_of_scheme
 CAMERA = Camera(280, 159.5, 119.5)
 MODEL, PRIOR = tracked_model(Candide.default())
 REST = np.zeros(6)
-COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}
+COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478, "mediapipe468": 468}
 
 
 def _pose(seed: int) -> tuple[Array, Array]:

@@ -37,7 +37,7 @@ def row(
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("deep", [False, True])
 def test_json_reads_back_as_it_was(tmp_path: Path, scheme: str, deep: bool) -> None:
-    count = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}[scheme]
+    count = {"candide26": 26, "ibug68": 68, "mediapipe478": 478, "mediapipe468": 468}[scheme]
     points, depths = np.round(RNG.uniform(0, 300, (count, 2)), 3), np.round(RNG.normal(0, 20, count), 3)
     written = Landmarks(points, scheme, depths if deep else None, 12, 0.48)
     write_landmarks(tmp_path / "l.json", written)

@@ -11,7 +11,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, SCHEMES, Landmarks
 
-COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478}
+COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478, "mediapipe468": 468}
 
 
 def _spread(size: float = 100.0, corner: tuple[float, float] = (50, 60)) -> Landmarks:
