@@ -261,7 +261,6 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
 
 
 def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("mediapipe")
     videos, out = tmp_path / "videos", tmp_path / "out"
     videos.mkdir()
     monkeypatch.chdir(videos)

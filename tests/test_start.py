@@ -184,7 +184,6 @@ def test_landmarks_that_are_given_are_those_of_the_beginning(
 
 def test_begun_in_front_a_turned_head_is_tracked_better(turning: SyntheticSequence, video: Path) -> None:
     """With the real detector, from the first frame to the last."""
-    pytest.importorskip("mediapipe")
     with pytest.warns(MienWarning, match="where tracking begins, and all angles will be less certain"):
         turned = _errors_deg(mien.track(video, camera=face().camera, at_once=True), turning)
     frontal = _errors_deg(mien.track(video, camera=face().camera), turning)

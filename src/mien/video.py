@@ -264,10 +264,11 @@ class CameraDevice:
         return f"camera {self.number}"
 
     def __iter__(self) -> Iterator[Frame]:
-        level = cv2.getLogLevel()
-        cv2.setLogLevel(0)  # what is wrong is said below
+        log = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, and 5
+        level = log.getLogLevel()
+        log.setLogLevel(0)  # what is wrong is said below
         device = cv2.VideoCapture(self.number)
-        cv2.setLogLevel(level)
+        log.setLogLevel(level)
         try:
             require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
             first: float | None = None

@@ -54,7 +54,7 @@ class Keyframe:
         depth = depth_buffer(X, self.fit.model.triangles, self.view, *self.gray.shape)
         mask = np.isfinite(depth).astype(np.uint8)
         keypoints, descriptors = cv2.SIFT.create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(self.gray, mask)
-        if descriptors is None:
+        if not keypoints:
             return np.zeros((0, 128), np.float32), np.zeros((0, 3))
         q = np.array([k.pt for k in keypoints])
         z = depth[np.rint(q[:, 1]).astype(int), np.rint(q[:, 0]).astype(int)]
@@ -101,7 +101,7 @@ class Keyframes:
         interpolation = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
         image = cv2.resize(window, None, fx=scale, fy=scale, interpolation=interpolation)
         keypoints, descriptors = cv2.SIFT.create(4 * _KEYPOINTS, contrastThreshold=0.01).detectAndCompute(image, None)
-        if descriptors is None or len(keypoints) < _INLIERS:
+        if len(keypoints) < _INLIERS:
             return None
         p = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5 + corner
         found = [self._place(k, p, descriptors, scale) for k in keyframes]
