@@ -264,7 +264,7 @@ class CameraDevice:
         return f"camera {self.number}"
 
     def __iter__(self) -> Iterator[Frame]:
-        log = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, and 5
+        log: Any = getattr(cv2.utils, "logging", cv2)  # where OpenCV 5 keeps it, and where 4 does
         level = log.getLogLevel()
         log.setLogLevel(0)  # what is wrong is said below
         device = cv2.VideoCapture(self.number)
