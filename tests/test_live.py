@@ -98,6 +98,15 @@ def test_a_face_that_is_there_is_not_given_up(folder: Path) -> None:
     assert begun(folder, anew_after=0.0)[1] > SEEN[-1]
 
 
+@pytest.mark.parametrize("method", ["initialize", "track"])
+def test_a_tracker_that_returns_no_estimate_is_named(
+    method: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Told, method, lambda *_: None)
+    with pytest.raises(MienError, match=":Told returned NoneType for frame"):
+        list(mien.stream(folder))
+
+
 def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     for wrong in (np.nan, -1.0, "2", None):
         with pytest.raises(MienError, match="anew_after is"):

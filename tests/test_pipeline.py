@@ -77,6 +77,17 @@ def test_a_folder_of_images_gives_a_row_for_each_frame(tracker: StillTracker, fo
     assert "settings" not in track.metadata
 
 
+@pytest.mark.parametrize(("method", "frame"), [("initialize", 0), ("track", 1)])
+@pytest.mark.parametrize("returned", [None, (FACING, np.zeros(3))])
+def test_a_tracker_that_returns_no_estimate_is_named(
+    method: str, frame: int, returned: object, tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tracker, method, lambda *_: returned)
+    message = rf":StillTracker returned {type(returned).__name__} for frame {frame}; its initialize and track must"
+    with pytest.raises(MienError, match=message):
+        mien.track(folder, landmarks=known_portrait().landmarks)
+
+
 def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, tmp_path: Path) -> None:
     def frames() -> Iterator[Frame]:
         for index, image in enumerate(portrait_images()):

@@ -15,7 +15,7 @@ from mien.errors import require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
-from mien.registry import create_tracker
+from mien.registry import checked, create_tracker
 from mien.start import Footage, Patience, not_yet
 from mien.tracking.state import Estimate, Tracker
 from mien.video import Source, open_video
@@ -59,11 +59,11 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
         faces = patience(frame) if tracker is None or (doubted and frame.time - seen > anew_after) else []
         if faces:
             tracker = create_tracker(preset)
-            estimate = tracker.initialize(frame, faces[0], patience.camera)
+            estimate = checked(tracker.initialize(frame, faces[0], patience.camera), tracker, frame)
             patience = Patience(patience.camera)
             warn_of_a_turned_face(estimate, footage.video.name)
         else:
-            estimate = tracker.track(frame) if tracker else not_yet(frame)
+            estimate = checked(tracker.track(frame), tracker, frame) if tracker else not_yet(frame)
         doubted = estimate.confidence <= _DOUBTED
         seen = seen if doubted else frame.time
         yield frame, estimate

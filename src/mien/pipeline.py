@@ -28,7 +28,7 @@ from mien.initialization.landmarks import Landmarks, Point
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
-from mien.registry import create_tracker, file_of
+from mien.registry import checked, create_tracker, file_of
 from mien.start import TURNED_DEG, Footage, Start, asked, prepare
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
@@ -252,9 +252,9 @@ def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
     """Estimates of what comes before the first frame, from there backwards, until the face is lost for good."""
     if begin.since < begin.first.time:
         seen = begin.first.time
-        tracker.initialize(begin.first, begin.landmarks, begin.camera)
+        checked(tracker.initialize(begin.first, begin.landmarks, begin.camera), tracker, begin.first)
         for frame in backwards(begin.footage.video, begin.since, begin.first.index):
-            estimate = tracker.track(frame)
+            estimate = checked(tracker.track(frame), tracker, frame)
             yield estimate
             if estimate.status.success:
                 seen = frame.time
@@ -270,9 +270,9 @@ def run(
         if frame.index < begin.first.index:
             yield frame, earlier.get(frame.index) or Estimate.lost(frame, "tracking begins later")
         elif frame.index == begin.first.index:
-            yield frame, tracker.initialize(frame, begin.landmarks, begin.camera)
+            yield frame, checked(tracker.initialize(frame, begin.landmarks, begin.camera), tracker, frame)
         else:
-            yield frame, tracker.track(frame)
+            yield frame, checked(tracker.track(frame), tracker, frame)
 
 
 @contextmanager

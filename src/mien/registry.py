@@ -11,8 +11,9 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING
 
-from mien.errors import require
-from mien.tracking.state import Tracker
+from mien.errors import MienError, require
+from mien.frame import Frame
+from mien.tracking.state import Estimate, Tracker
 
 if TYPE_CHECKING:
     from mien.config import Settings
@@ -60,6 +61,17 @@ def create_tracker(name: str) -> Tracker:
     missing = [method for method in ("initialize", "track") if not callable(getattr(made, method, None))]
     require(not missing, f"{name} has no method {' and no '.join(missing)}; see mien.Tracker")
     return made
+
+
+def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
+    """What a tracker has returned for a frame. Raises MienError where it is no estimate, as one of your own may do."""
+    if not isinstance(returned, Estimate):
+        cls = type(tracker)
+        raise MienError(
+            f"{cls.__module__}:{cls.__qualname__} returned {type(returned).__name__} for frame {frame.index}; its "
+            "initialize and track must return a mien.Estimate, where there is no face Estimate.lost(frame, reason)"
+        )
+    return returned
 
 
 def file_of(name: str) -> Path | None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from mien.errors import MienError, require
+from mien.errors import require
 from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
@@ -23,6 +23,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
 from mien.pipeline import FittedTracker
+from mien.registry import checked
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 
@@ -129,14 +130,12 @@ def _estimates(
             estimate = tracker.track(frame)
         if seconds is not None:
             seconds.append(time.perf_counter() - start)
-        _check(estimate, frame)
+        _check(checked(estimate, tracker, frame), frame)
         yield frame, estimate
 
 
 def _check(estimate: Estimate, frame: Frame) -> None:
     """A tracker that breaks the protocol is not measured."""
-    if not isinstance(estimate, Estimate):
-        raise MienError(f"frame {frame.index}: the tracker returned {type(estimate).__name__}, not an Estimate")
     R = estimate.rotation
     broken = R is not None and (np.shape(R) != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4))
     require(
