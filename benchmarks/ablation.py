@@ -16,10 +16,12 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from inputs import carry_out
 
 from mien.appearance.regression import PoseRegression
 from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
+from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.formats import to_markdown
@@ -55,9 +57,11 @@ class Run:
 
 
 def prepare(sequence: Sequence) -> Run:
-    """Decode a sequence and find its face."""
+    """Decode a sequence and find its face. Raises MienError where there is none."""
     frames = list(open_video(sequence.video))
-    return Run(sequence, frames, sequence.read_truth(len(frames)), detect(frames[0])[0])
+    faces = detect(frames[0])
+    require(bool(faces), f"{sequence.video}: no face was found in the first frame; leave the sequence out")
+    return Run(sequence, frames, sequence.read_truth(len(frames)), faces[0])
 
 
 def thinned(run: Run, step: int) -> Run:
@@ -265,7 +269,11 @@ def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("path", type=Path)
-    every = [prepare(sequence) for sequence in load_dataset("rendered", parser.parse_args().path)]
+    path = parser.parse_args().path
+    sequences = load_dataset("rendered", path)
+    missing = set(KINDS) - {sequence.kind for sequence in sequences}
+    require(not missing, f"{path} holds no sequence of the kind {', '.join(sorted(missing))}; give one of each kind")
+    every = [prepare(sequence) for sequence in sequences]
     columns = ("", *KINDS, "all", "lost", "jaw", "smile", "false", "jitter", "all, every third", "lost")
     print("| " + " | ".join(columns) + " |", "|---" * len(columns) + "|", sep="\n")
     for name, make in TRACKERS.items():
@@ -274,4 +282,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

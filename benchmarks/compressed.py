@@ -13,6 +13,7 @@ from pathlib import Path
 from shutil import copy
 
 import av
+from inputs import carry_out
 
 from mien.evaluation.datasets import load_dataset
 from mien.frame import Frame
@@ -37,9 +38,10 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--crf", type=int, default=23, help="constant rate factor")
     arguments = parser.parse_args()
+    sequences = load_dataset("rendered", arguments.path)
     arguments.out.mkdir(parents=True, exist_ok=True)
     size = seconds = 0.0
-    for sequence in load_dataset("rendered", arguments.path):
+    for sequence in sequences:
         frames = list(open_video(sequence.video))
         output = arguments.out / f"{sequence.name}.mp4"
         write_compressed(output, frames, arguments.crf)
@@ -52,4 +54,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

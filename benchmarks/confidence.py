@@ -19,6 +19,7 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 from ablation import Run, prepare, score
+from inputs import carry_out
 from scipy.optimize import minimize
 from skimage import data
 from turned_start import begun_at
@@ -165,4 +166,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -15,7 +15,7 @@ from time import perf_counter
 
 import cv2
 import numpy as np
-from recordings import videos_of
+from inputs import carry_out, videos_of
 from skimage import data
 
 from mien.frame import Frame, Pixels
@@ -111,4 +111,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

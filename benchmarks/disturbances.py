@@ -15,9 +15,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from recordings import videos_of
+from inputs import carry_out, videos_of
 
-from mien.errors import MienError
+from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import TrackTable
@@ -146,10 +146,12 @@ def main() -> None:
     parser.add_argument("path", type=Path)
     parser.add_argument("--tracker", default="realtime")
     arguments = parser.parse_args()
-    videos = [[frame.pixels for frame in islice(open_video(path), FRAMES)] for path in videos_of(arguments.path)]
+    paths = videos_of(arguments.path)
+    videos = [[frame.pixels for frame in islice(open_video(path), FRAMES)] for path in paths]
     clean = [track(arguments.tracker, pixels) for pixels in videos]
     known = [t for t in clean if t is not None]
-    assert len(known) == len(videos), "every video begins with a face"
+    faceless = [str(path) for path, t in zip(paths, clean, strict=True) if t is None]
+    require(not faceless, f"{', '.join(faceless)}: no face in the first frame; leave such videos out")
     columns = ("", "mean", "of the worst video", "95 %", "lost", "confidence below a half", "refused")
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
     for name, disturb in DISTURBANCES.items():
@@ -159,4 +161,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

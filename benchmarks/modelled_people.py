@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from filming import Studio, taken, write_film
+from inputs import carry_out, truth_of
 from makehuman import MakeHuman, draw
 from spectacles import triangulated
 
@@ -139,7 +140,7 @@ def rendered_profile(path: Path) -> Array:
     """(k, 2) y and z of IBUG_PROFILE in the head's axes, mean of the three rendered people."""
     found = []
     for name in "ace":
-        truth = np.load(path / f"{name}_uniform1_truth.npz")
+        truth = truth_of(path, f"{name}_uniform1")
         head = triangulated(truth["landmarks68"].astype(float), FACING @ truth["R"], truth["t"])
         side = head[np.array(IBUG_PROFILE)].mean(axis=1)[:, 1:]
         found.append(side - side.mean(axis=0))
@@ -175,8 +176,9 @@ def main() -> None:
     parser.add_argument("path", type=Path)
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
     source, profile = MakeHuman(arguments.package), rendered_profile(arguments.path)
+    truths = {kind: truth_of(arguments.path, motion) for kind, motion in MOTIONS.items()}
+    arguments.out.mkdir(parents=True, exist_ok=True)
     names = [(name, who.spectacles) for name, who in PEOPLE.items()]
     names += [(name, False) for name, spectacles in names if spectacles]
     for seed, (name, spectacles) in enumerate(names):
@@ -184,12 +186,11 @@ def main() -> None:
         person = Person(source, PEOPLE[name], profile, shape, spectacles)
         rng = np.random.default_rng(seed)
         bare = "-bare" if PEOPLE[name].spectacles and not spectacles else ""
-        for kind, motion in MOTIONS.items():
-            truth = dict(np.load(arguments.path / f"{motion}_truth.npz"))
+        for kind, truth in truths.items():
             output = arguments.out / f"{name}{bare}_{kind}"
             write_film(Path(f"{output}.avi"), pictures(person, truth, kind.startswith("light"), rng))
             np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

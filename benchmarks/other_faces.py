@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from filming import Studio, taken, write_film
+from inputs import carry_out, truth_of, videos_of
 from numpy.typing import NDArray
 
 from mien.appearance.rendering import Texture, render
@@ -85,15 +86,16 @@ def main() -> None:
     parser.add_argument("path", type=Path)
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()
+    videos = videos_of(arguments.recordings)
+    motions = {name: truth_of(arguments.path, motion) for name, motion in zip(NAMES, MOTIONS, strict=True)}
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for seed, video in enumerate(sorted(arguments.recordings.iterdir())):
+    for seed, video in enumerate(videos):
         rng = np.random.default_rng(seed)
         head = head_of(video, rng)
         if head is None:
             print(f"{video} is left out: it shows no face in its first frame")
             continue
-        for motion, name in zip(MOTIONS, NAMES, strict=True):
-            truth = np.load(arguments.path / f"{motion}_truth.npz")
+        for name, truth in motions.items():
             R, t = truth["R"], DISTANCE * truth["t"] / truth["t"][0, 2]
             output = arguments.out / f"{video.stem.replace('_', '-')}_{name}"
             write_film(Path(f"{output}.avi"), pictures(head, FACING @ R, t, rng))
@@ -101,4 +103,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

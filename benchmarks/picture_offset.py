@@ -16,7 +16,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 from ablation import Run, prepare
+from inputs import carry_out, truth_of
 
+from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array
@@ -41,7 +43,7 @@ class Head:
     """A rigid head in the true motion: R (frames, 3, 3), t (frames, 3); points X (n, 3) about its landmarks."""
 
     def __init__(self, run: Run) -> None:
-        truth = np.load(run.sequence.truth_files[0])
+        truth = truth_of(run.sequence.video.parent, run.sequence.name)
         self.camera: Camera = run.sequence.camera
         self.R, self.t = FACING @ truth["R"], truth["t"]
         fit = fit_first_frame(run.landmarks, self.camera)
@@ -108,17 +110,18 @@ def offset_of(head: Head, found: Array) -> tuple[Array, Array]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path)
-    sequences = load_dataset("rendered", parser.parse_args().path)
+    path = parser.parse_args().path
+    sequences = [sequence for sequence in load_dataset("rendered", path) if sequence.kind in KINDS]
+    require(bool(sequences), f"{path} holds no sequence of a kind that is looked at: {', '.join(KINDS)}")
     offsets, weights = [], []
     print("| sequence | x | y |", "|---|---|---|", sep="\n")
     for sequence in sequences:
-        if sequence.kind in KINDS:
-            run = prepare(sequence)
-            head = Head(run)
-            offset, information = offset_of(head, followed(run, head))
-            offsets.append(offset)
-            weights.append(information)
-            print(f"| {sequence.name} | {offset[0]:.2f} | {offset[1]:.2f} |", flush=True)
+        run = prepare(sequence)
+        head = Head(run)
+        offset, information = offset_of(head, followed(run, head))
+        offsets.append(offset)
+        weights.append(information)
+        print(f"| {sequence.name} | {offset[0]:.2f} | {offset[1]:.2f} |", flush=True)
     covariance = np.linalg.inv(np.sum(weights, axis=0))
     mean = covariance @ np.einsum("kij,kj->i", weights, offsets)
     # Sequences differ by more than the noise of their patches, and say so themselves.
@@ -128,4 +131,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

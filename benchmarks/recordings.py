@@ -14,6 +14,7 @@ from itertools import chain, takewhile
 from pathlib import Path
 
 import numpy as np
+from inputs import carry_out, videos_of
 
 import mien
 from mien.errors import MienWarning
@@ -21,12 +22,7 @@ from mien.geometry.rotation import Array, angle_between, matrix_from_euler
 from mien.initialization.detector import first_with_a_face, follow
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Mask
-from mien.video import VIDEO_SUFFIXES, open_video
-
-
-def videos_of(folder: Path) -> list[Path]:
-    """The videos of a folder, in order."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+from mien.video import open_video
 
 
 def asked(description: str | None) -> tuple[list[Path], float]:
@@ -88,4 +84,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

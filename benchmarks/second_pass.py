@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ablation import prepare, print_tables, score
+from inputs import carry_out
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
@@ -38,4 +39,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -17,10 +17,11 @@ from pathlib import Path
 
 import numpy as np
 from filming import write_film
+from inputs import carry_out
 from recordings import apart_deg, rotations
 
 import mien
-from mien.errors import MienWarning
+from mien.errors import MienWarning, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.evaluation.datasets.sequence import Sequence
@@ -34,11 +35,14 @@ SURE = 0.5
 
 
 def firsts(path: Path, kind: str) -> dict[str, Sequence]:
-    """The first sequence of a kind of each person."""
+    """The first sequence of a kind of each person. Raises MienError where there is none."""
     found: dict[str, Sequence] = {}
-    for sequence in load_dataset("rendered", path):
+    sequences = load_dataset("rendered", path)
+    for sequence in sequences:
         if sequence.kind == kind:
             found.setdefault(sequence.name.rsplit("_", 1)[0], sequence)
+    kinds = ", ".join(sorted({sequence.kind for sequence in sequences}))
+    require(bool(found), f"{path} holds no sequence of the kind {kind}; give another with --kind: {kinds}")
     return found
 
 
@@ -94,4 +98,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -15,7 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 from filming import write_film
+from inputs import carry_out, truth_of
 
+from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.frame import Pixels
 from mien.geometry.rotation import FACING, Array
@@ -93,22 +95,23 @@ def main() -> None:
     parser.add_argument("--rim", type=float, default=RIM_WIDTH, help="width of the rims, units of the truth")
     parser.add_argument("--reflection", type=float, default=REFLECTION, help="grey values")
     arguments = parser.parse_args()
+    sequences = load_dataset("rendered", arguments.path)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for truth in sorted(arguments.path.glob("*_truth.npz")):
-        name = truth.name.removesuffix("_truth.npz")
-        if "occluded" in name:
+    for sequence in sequences:
+        if sequence.kind == "occluded":
             continue
-        values = np.load(truth)
+        values = truth_of(arguments.path, sequence.name)
         R, t = FACING @ values["R"], values["t"]
         rims, temples = spectacles(triangulated(values["landmarks68"].astype(float), R, t))
-        frames = list(open_video(arguments.path / f"{name}.avi"))
+        frames = list(open_video(sequence.video))
         pictures = (
             worn(frame.pixels, rims, temples, R_frame, t_frame, arguments.rim, arguments.reflection)
             for frame, R_frame, t_frame in zip(frames, R, t, strict=True)
         )
-        write_film(arguments.out / f"{name}.avi", pictures)
-        shutil.copy(truth, arguments.out)
+        write_film(arguments.out / f"{sequence.name}.avi", pictures)
+        for truth in sequence.truth_files:
+            shutil.copy(truth, arguments.out)
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

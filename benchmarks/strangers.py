@@ -17,7 +17,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from recordings import videos_of
+from inputs import carry_out, videos_of
 
 from mien.evaluation.datasets import load_dataset
 from mien.frame import Frame, Pixels
@@ -100,4 +100,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

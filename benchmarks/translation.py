@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from ablation import Run, prepare, track
+from inputs import carry_out, truth_of
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.metrics import ANGLE_LEVEL, coverage
@@ -45,7 +46,7 @@ def main() -> None:
     path = parser.parse_args().path
     every: dict[str, list[tuple[Array, Array]]] = {}
     for sequence in load_dataset("rendered", path):
-        truth = np.load(path / f"{sequence.name}_truth.npz")["t"]
+        truth = truth_of(path, sequence.name)["t"]
         every.setdefault(sequence.kind, []).append(errors(prepare(sequence), truth))
     columns = ("", "x", "y", "z", "in 90 %", "of x, y, z")
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
@@ -58,4 +59,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from ablation import KINDS as SEQUENCE_KINDS
 from ablation import Run, prepare, print_tables, score, scored
+from inputs import carry_out
 from recordings import apart_deg
 
 from mien import pipeline, start
@@ -119,4 +120,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

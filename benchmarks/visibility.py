@@ -21,7 +21,7 @@ from unittest.mock import patch
 import numpy as np
 from ablation import prepare
 from confidence import boards
-from recordings import videos_of
+from inputs import carry_out, videos_of
 from scipy.optimize import minimize
 
 from mien.evaluation.datasets import load_dataset
@@ -107,10 +107,11 @@ def seen_with_boards(frames: list[Frame], landmarks: Landmarks, camera: Camera, 
 
 def videos(rendered: Path, recordings: Path) -> Iterator[tuple[str, list[Frame], Landmarks, Camera]]:
     """Name, frames from the first face on, its landmarks and the camera of everything."""
-    for sequence in load_dataset("rendered", rendered):
+    sequences, paths = load_dataset("rendered", rendered), videos_of(recordings)
+    for sequence in sequences:
         run = prepare(sequence)
         yield f"rendered: {sequence.kind}", run.frames, run.landmarks, sequence.camera
-    for path in videos_of(recordings):
+    for path in paths:
         read = iter(open_video(path))
         found = first_with_a_face(read)
         if found is not None:
@@ -173,4 +174,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)
