@@ -286,7 +286,7 @@ def evaluate(
         dataset,
         path,
         out,
-        trackers=_names(trackers),
+        trackers=(trackers,),
         protocol=protocol,
         jobs=jobs,
         first_landmarks=landmarks,
@@ -309,11 +309,6 @@ def report(
     from mien.evaluation import commands
 
     commands.report(directory, form, protocol)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    """`a,b` -> ("a", "b")."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _stem(video: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from evaluation import tiny
+from mien.evaluation.commands import _named
 
 
 def _mien(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -44,6 +45,24 @@ def test_one_command_gives_a_report_and_report_gives_the_others(
         made = _mien("report", tmp_path / "out", "--format", form, "--protocol", "sensor")
         assert made.returncode == 0, made.stderr
         assert "sensor" in (tmp_path / "out" / f"report.{ending}").read_text(encoding="utf-8")
+
+
+def test_trackers_are_named_with_commas_between(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also those with a comma in the name of their file; the longest name of a file that exists is one."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a,b.csv", "own.json", "own.json,paper"):
+        (tmp_path / name).touch()
+    for texts, names in (
+        (["realtime, paper,", "paper"], ("realtime", "paper")),
+        (["realtime,openface:a,b.csv, paper"], ("realtime", "openface:a,b.csv", "paper")),
+        (["realtime:own.json,mediapipe"], ("realtime:own.json", "mediapipe")),
+        (["realtime:own.json,paper,mediapipe"], ("realtime:own.json,paper", "mediapipe")),
+        (["openface:none,b.csv,mine:Own"], ("openface:none", "b.csv", "mine:Own")),
+        ([f"openface:{'a' * 300}"], (f"openface:{'a' * 300}",)),
+    ):
+        assert _named(texts) == names
+    assert "openface" not in _named(["all"])
+    assert _named(["paper,all"])[0] == "paper"
 
 
 def test_bad_input_is_one_sentence_and_status_2(tmp_path: Path) -> None:

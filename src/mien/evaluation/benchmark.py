@@ -18,7 +18,7 @@ from mien.errors import MienError, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence as DataSequence
 from mien.evaluation.job import Job
-from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, result_path, timing_path
+from mien.evaluation.plan import Evaluation, Plan, command_of, label, names_in, replays, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
 from mien.processes import Call, Command, Progress, run_commands
@@ -204,21 +204,10 @@ def _is_timed(job: Job) -> bool:
 def _chosen(sequences: Sequence[DataSequence], names: Sequence[str]) -> list[DataSequence]:
     """Those with these names, of which a text may hold several with commas between; all where there is no name."""
     known = [s.name for s in sequences]
-    asked = [name for text in names for name in _split(text, known)]
+    asked = [name for text in names for name in names_in(text, known.__contains__)]
     unknown = [name for name in asked if name not in known]
     require(not unknown, f"the data set has no sequence {', '.join(unknown)}; it has {', '.join(known)}")
     return [s for s in sequences if not asked or s.name in asked]
-
-
-def _split(text: str, known: Sequence[str]) -> list[str]:
-    """The names in a text with commas between; a known name that has commas itself is one, and the longest first."""
-    parts, names = text.split(","), list[str]()
-    while parts:
-        heads = {",".join(parts[:count]).strip(): count for count in range(len(parts), 0, -1)}
-        name = next((head for head in heads if head in known), parts[0].strip())
-        names += [name] * bool(name)
-        parts = parts[heads[name] :]
-    return names
 
 
 def _require_same_dataset(plan: Plan) -> None:

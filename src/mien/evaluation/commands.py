@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mien.errors import MienError
 from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, run_plan
-from mien.evaluation.plan import Plan
+from mien.evaluation.plan import Plan, is_tracker, names_in
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.evaluation.report import write_report
 from mien.evaluation.scores import Scores, load_scores
@@ -35,6 +35,8 @@ def evaluate(
 ) -> Path:
     """Run trackers on a data set, continue where an earlier run stopped, and write an HTML report; its path.
 
+    trackers, sequences: their names, in one text or several, with commas between.
+
     Raises MienError for bad input, and where no tracker has a figure for any sequence.
     """
     plan = Plan(
@@ -54,9 +56,10 @@ def evaluate(
 
 
 def _named(trackers: Sequence[str]) -> tuple[str, ...]:
-    """The trackers by name; `all` stands for every one that needs no file of its own."""
+    """The trackers by name, with commas between in a text; `all` stands for every one that needs no file of its own."""
     every = tuple(name for name in TRACKERS if name != "openface")
-    return tuple(dict.fromkeys(t for name in trackers for t in (every if name == "all" else (name,))))
+    names = (name for text in trackers for name in names_in(text, is_tracker))
+    return tuple(dict.fromkeys(t for name in names for t in (every if name == "all" else (name,))))
 
 
 def report(directory: Path, form: str = "markdown", protocol: str | None = None) -> Path:

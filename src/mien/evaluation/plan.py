@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -94,6 +96,23 @@ class Evaluation:
             return cls(**members)
         except (ValueError, TypeError) as e:
             raise MienError(f"{path} is not of this version of mien ({e}); evaluate into another folder") from e
+
+
+def names_in(text: str, is_known: Callable[[str], bool]) -> list[str]:
+    """The names in a text with commas between; a known name that has commas itself is one, and the longest first."""
+    parts, names = text.split(","), list[str]()
+    while parts:
+        heads = {",".join(parts[:count]).strip(): count for count in range(len(parts), 0, -1)}
+        name = next((head for head in heads if is_known(head)), parts[0].strip())
+        names += [name] * bool(name)
+        parts = parts[heads[name] :]
+    return names
+
+
+def is_tracker(name: str) -> bool:
+    """Whether this is a tracker by its name alone, or one with a file, or folder, that exists."""
+    file = file_of(name)
+    return name in TRACKERS if file is None else os.path.exists(file)  # other than Path's, also of too long a name
 
 
 def label(tracker: str) -> str:
