@@ -12,7 +12,7 @@ import mien
 
 LAYERS = (
     ("_version", "errors"),
-    ("files", "compiled", "processes"),
+    ("files", "csv_files", "compiled", "processes"),
     ("config",),
     ("frame",),
     ("video",),

@@ -43,6 +43,14 @@ def _openface(path: Path) -> Path:
     return path
 
 
+def test_semicolons_are_read_as_commas(tmp_path: Path) -> None:
+    spreadsheet = _openface(tmp_path / "a.csv").read_text().replace(", ", ";").replace(".", ",")
+    (tmp_path / "b.csv").write_text(spreadsheet)
+    for e, same in zip(_track(tmp_path / "a.csv", 2), _track(tmp_path / "b.csv", 2), strict=True):
+        np.testing.assert_array_equal(e.rotation, same.rotation)
+        assert e.confidence == same.confidence == 0.98
+
+
 def test_pose_landmarks_and_losses(tmp_path: Path) -> None:
     first, second, lost, missing = _track(_openface(tmp_path / "a.csv"), 4)
     assert [e.status for e in (first, second)] == [Status.INITIALIZED, Status.TRACKED]

@@ -83,6 +83,14 @@ def test_csv_takes_the_row_that_is_nearest_in_time(tmp_path: Path, spaced: bool)
     assert read.scheme == "ibug68"
 
 
+@pytest.mark.parametrize("point", [".", ","])
+def test_csv_with_semicolons_is_read(tmp_path: Path, point: str) -> None:
+    text = openface(tmp_path / "l.csv", [row(0.0), row(0.04, 1.0)], spaced=False).read_text()
+    spreadsheet = text.replace(",", ";").replace(".", point).replace("\n", "\r\n")
+    (tmp_path / "l.csv").write_bytes(spreadsheet.encode("utf-8-sig"))
+    np.testing.assert_allclose(read_landmarks(tmp_path / "l.csv", index=1, time=0.04).points, POINTS + 1)
+
+
 def test_csv_of_several_faces_gives_the_surest(tmp_path: Path) -> None:
     path = openface(tmp_path / "l.csv", [row(0.0, 5.0, confidence=0.6), row(0.0, 1.0, face=1), row(0.04, 2.0)])
     np.testing.assert_allclose(read_landmarks(path).points, POINTS + 1)

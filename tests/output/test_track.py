@@ -307,15 +307,23 @@ def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "how", [{"quoting": QUOTE_NONNUMERIC}, {"na_rep": "NA"}, {"encoding": "utf-8-sig"}, {"lineterminator": "\r\n"}]
+    "how",
+    [
+        {"quoting": QUOTE_NONNUMERIC},
+        {"na_rep": "NA"},
+        {"encoding": "utf-8-sig"},
+        {"lineterminator": "\r\n"},
+        {"sep": ";"},
+        {"sep": ";", "decimal": ",", "encoding": "utf-8-sig", "lineterminator": "\r\n"},
+    ],
 )
 def test_a_table_that_others_have_written_again_is_read(how: dict[str, Any], track: Track, tmp_path: Path) -> None:
     pytest.importorskip("pandas")
-    frame = track.to_pandas().assign(condition="control", age=31)
+    frame = track.to_pandas().assign(condition='control, left; "1,5"', age=31)
     frame.to_csv(tmp_path / "out.csv", index=False, **how)
     again = Track.read(tmp_path / "out.csv")
     assert again.table.select(track.table.column_names).equals(track.table)
-    assert again.table.column("condition").to_pylist() == ["control"] * 4
+    assert again.table.column("condition").to_pylist() == ['control, left; "1,5"'] * 4
     assert again.table.column("age").to_pylist() == [31] * 4
 
 

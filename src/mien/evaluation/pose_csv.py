@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mien.candide.model import TRACKED_UNITS
+from mien.csv_files import csv_rows
 from mien.errors import MienError, require
 from mien.geometry.rotation import FACING, Array
 
@@ -105,11 +106,7 @@ def read_pose_csv(path: Path) -> PoseTable:
 def _rows(path: Path) -> list[dict[str, str]]:
     require(path.is_file(), f"{path}: no such file; check the name")
     try:
-        with path.open(encoding="utf-8", newline="") as f:
-            rows = [
-                {k.strip(): (v or "").strip() for k, v in row.items() if isinstance(k, str)}
-                for row in csv.DictReader(f, skipinitialspace=True)
-            ]
+        rows = list(csv_rows(path))
     except (UnicodeDecodeError, csv.Error) as e:
         raise MienError(f"{path} is not a CSV that can be read ({e})") from e
     require(bool(rows), f"{path} holds no row; it needs one for every frame")

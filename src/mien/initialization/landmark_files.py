@@ -9,12 +9,13 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mien.csv_files import csv_rows
 from mien.errors import MienError, require
 from mien.files import json_text, whole_file
 from mien.geometry.rotation import Array
@@ -42,7 +43,7 @@ def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landm
     require(path.suffix.lower() in readers, f"{path}: landmarks are read from {', '.join(readers)}")
     try:
         return readers[path.suffix.lower()](path, index, time)
-    except UnicodeDecodeError as error:
+    except (UnicodeDecodeError, csv.Error) as error:
         raise MienError(f"{path} is not a text file; check that it is the landmark file") from error
 
 
@@ -112,7 +113,7 @@ def _pts_text(path: Path, landmarks: Landmarks) -> str:
 
 
 def _read_csv(path: Path, index: int, time: float) -> Landmarks:
-    row = _row_of_frame(path, list(_rows(path)), index, time)
+    row = _row_of_frame(path, list(csv_rows(path)), index, time)
     count = sum(1 for name in row if name.startswith("x_"))
     require(
         count in _SCHEME_OF_COUNT,
@@ -123,13 +124,6 @@ def _read_csv(path: Path, index: int, time: float) -> Landmarks:
     require(not missing, f"{path} lacks the column {missing and missing[0]}; write the file again")
     points = _numbers(path, [row[n] for n in names]).reshape(-1, 2)
     return Landmarks(points, _SCHEME_OF_COUNT[count], None, index, time, str(path))
-
-
-def _rows(path: Path) -> Iterator[dict[str, str]]:
-    """Rows of a CSV; OpenFace puts a space before most names and values."""
-    with path.open(encoding="utf-8", newline="") as f:
-        for row in csv.DictReader(f, skipinitialspace=True):
-            yield {k.strip(): (v or "").strip() for k, v in row.items() if isinstance(k, str)}
 
 
 def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: float) -> dict[str, str]:

@@ -7,8 +7,11 @@ import mmap
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from csv import Error as CSVError
+from csv import reader
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from io import StringIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -16,6 +19,7 @@ import numpy as np
 import pyarrow as pa
 
 from mien.candide.model import TRACKED_UNITS
+from mien.csv_files import opened_csv
 from mien.errors import MienError, require
 from mien.files import json_text, named_errors, require_ending, whole_file
 from mien.geometry.rotation import Array
@@ -206,7 +210,7 @@ class Track:
             table = _read_parquet(path) if ending == ".parquet" else _read_csv(path)
             reading = beside
             metadata = json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
-        except (pa.ArrowInvalid, ValueError) as error:
+        except (pa.ArrowInvalid, ValueError, CSVError) as error:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
         missing = {"frame", "timestamp", "confidence", "success", "status"} - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
@@ -315,16 +319,15 @@ def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
 
 def _read_csv(path: Path) -> pa.Table:
     """The table of a CSV, also as R, pandas and spreadsheets write it again, with columns of their own."""
-    from csv import reader
-
     from pyarrow import csv
 
-    with path.open(encoding="utf-8-sig", newline="") as f:
-        names = [n.strip() for n in next(reader(f), [])]
+    with opened_csv(path) as file:
+        names = [n.strip() for n in next(reader(file), [])]
+        content = pa.BufferReader(file.getvalue().encode()) if isinstance(file, StringIO) else path
     types = {n: known for n in names if (known := cell_type(n)) is not None}
     missing = ["", "NA", "NaN", "nan"]
     options = csv.ConvertOptions(column_types=types, null_values=missing, strings_can_be_null=True)
-    return csv.read_csv(path, csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
+    return csv.read_csv(content, csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
 
 
 def _read_parquet(path: Path) -> pa.Table:
