@@ -233,6 +233,24 @@ def test_what_was_noted_outlives_a_run_that_is_killed(videos: Path, code: dict[s
     assert [(row.state, row.note) for row in rows] == [("kept", "the face is turned"), ("tracked", ""), ("tracked", "")]
 
 
+def test_a_video_that_outlives_a_run_that_is_killed_says_that_nothing_was_noted(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    out, left = tmp_path / "out", tmp_path / "left"
+
+    def look(done: int, total: int, name: str) -> None:
+        if done == 0:  # what a run leaves behind that is killed now
+            shutil.copytree(out, left)
+
+    track_all([videos], out, jobs=1, progress=look)
+    for ending in ENDINGS:
+        shutil.copy(out / f"a{ending}", left)
+    for _ in range(2):
+        first = track_all([videos], left)[0]
+        assert (first.state, "not known" in first.note) == ("kept", True)
+    assert track_all([videos], left, Wish(again=True))[0].note == ""
+
+
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)

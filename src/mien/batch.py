@@ -31,6 +31,8 @@ TRACKED, KEPT, FAILED, NOT_YET = "tracked", "kept", "failed", "not yet"
 """
 _FACE = re.compile(r"\.face[0-9]+$")
 """What `Destination.of_face` puts behind the name of a table."""
+_UNHEARD = "done after mien batch had been stopped: what was warned of is not known; --again tracks it anew"
+"""The note of a video whose process outlived the run that began it."""
 _SPOKEN = "mien: "
 """What the command line puts before its warnings and errors."""
 
@@ -103,7 +105,7 @@ def track_all(
     forked: bool = False,
 ) -> list[Row]:
     """Track every video among paths and below the folders among them; their tables go to `out`, in folders as the
-    videos', with a summary, which is written whenever a video is done: it holds what was noted of each.
+    videos', with a summary, which is written first and whenever a video is done: it holds what was noted of each.
 
     jobs: how many at a time, one for each processor unless given; forked: whether processes may be forked, which begin
     sooner, but import the main module again. Raises MienError where there is nothing to track, or the tables cannot be
@@ -121,6 +123,7 @@ def track_all(
             waiting.append(k)
         else:
             found[k] = kept
+    _write(found, out / SUMMARY)
     commands = [_command(found[k][0], wish) for k in waiting]
     started: list[str] = []
     try:
@@ -245,7 +248,8 @@ def _faces(row: Row, track: Track) -> list[Row]:
 
 
 def _notes(summary: Path) -> dict[str, str]:
-    """What an earlier run's summary notes of each video, by its name; nothing where there is none."""
+    """What an earlier run's summary notes of each video, by its name, and of one that had not ended then, that nothing
+    is known; nothing where there is no summary."""
     if not summary.is_file():
         return {}
     try:
@@ -253,7 +257,7 @@ def _notes(summary: Path) -> dict[str, str]:
             rows = [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
     except (ValueError, csv.Error):
         return {}
-    return {row.get("video") or "": row.get("note") or "" for row in rows}
+    return {row.get("video") or "": _UNHEARD if row.get("state") == NOT_YET else row.get("note") or "" for row in rows}
 
 
 def _write(found: Sequence[Sequence[Row]], path: Path) -> None:
