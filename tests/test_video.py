@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import tracemalloc
 import warnings
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
-from mien.frame import Decoded, Frame
+from mien.frame import Decoded, Frame, Pixels
 from mien.video import FOLDER_FPS, backwards, decoded_again, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
@@ -138,6 +139,25 @@ def test_rotation_metadata_is_honoured(tmp_path: Path) -> None:
     assert (after.width, after.height) == (48, 64)
     np.testing.assert_array_equal(after.pixels, np.rot90(before, -1))
     assert np.corrcoef(after.brightness.ravel(), cv2.cvtColor(after.pixels, cv2.COLOR_RGB2GRAY).ravel())[0, 1] > 0.99
+
+
+@pytest.mark.parametrize(
+    ("shown", "as_shown"),
+    [((0, 1, -1, 0), lambda image: np.rot90(image, -1)), ((-1, 0, 0, -1), lambda image: image[::-1, ::-1]),
+     ((-1, 0, 0, 1), lambda image: image[:, ::-1]), ((1, 0, 0, -1), lambda image: image[::-1]),
+     ((0, 1, 1, 0), lambda image: image.swapaxes(0, 1)),
+     ((0, -1, -1, 0), lambda image: image[::-1, ::-1].swapaxes(0, 1))],
+)  # fmt: skip
+def test_a_picture_is_turned_and_mirrored_as_players_show_it(
+    shown: tuple[int, int, int, int], as_shown: Callable[[Pixels], Pixels], tmp_path: Path
+) -> None:
+    path = write_video(tmp_path / "phone.mp4", [gradient(i) for i in range(3)], codec="libx264", pix_fmt="yuv420p")
+    before = frames_of(path)[0]
+    turn_by_metadata(path, shown)
+    after = frames_of(path)[0]
+    assert (after.height, after.width) == as_shown(before.gray).shape
+    np.testing.assert_array_equal(after.pixels, as_shown(before.pixels))
+    np.testing.assert_array_equal(after.gray, as_shown(before.gray))
 
 
 PART = slice(5, 30), slice(7, 40)

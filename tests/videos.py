@@ -58,12 +58,14 @@ def write_video(
     return path
 
 
-def turn_by_metadata(path: Path) -> None:
-    """Say in an MP4's track header that it is to be shown turned clockwise by 90 degrees."""
+def turn_by_metadata(path: Path, shown: tuple[int, int, int, int] = (0, 1, -1, 0)) -> None:
+    """Say in an MP4's track header that what is at (x, y) is to be shown at (a x + c y, b x + d y), `shown` being a, b,
+    c, d: turned clockwise by 90 degrees unless given."""
+    a, b, c, d = (number << 16 for number in shown)
     content = bytearray(path.read_bytes())
     matrix = content.index(b"tkhd") + 44
     content[matrix : matrix + 36] = b"".join(
-        value.to_bytes(4, "big", signed=True) for value in (0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
+        value.to_bytes(4, "big", signed=True) for value in (a, b, 0, c, d, 0, 0, 0, 1 << 30)
     )
     path.write_bytes(content)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -73,15 +74,23 @@ class Decoded:
     aspect: float = 1.0
 
     @cached_property
-    def quarters(self) -> int:
-        """Quarters of a turn, counter-clockwise, that make it upright."""
-        return round(float(self.image.rotation) / 90) % 4
+    def shown(self) -> tuple[int, int]:
+        """How players show it: its columns from the left, 1, or from the right, -1, and then so many quarters of a turn
+        counter-clockwise."""
+        from av.sidedata.sidedata import Type
+
+        matrix = self.image.side_data.get(Type.DISPLAYMATRIX)
+        if matrix is None:
+            return 1, 0
+        a, b, _, c, d = np.frombuffer(matrix, np.int32)[:5].astype(float)  # x' = a x + c y, y' = b x + d y
+        columns = 1 if a * d - b * c >= 0 else -1
+        return columns, round(2 * math.atan2(c, columns * a) / math.pi) % 4
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width, upright."""
         height, width = self._square
-        return (width, height) if self.quarters % 2 else (height, width)
+        return (width, height) if self.shown[1] % 2 else (height, width)
 
     @cached_property
     def _square(self) -> tuple[int, int]:
@@ -94,7 +103,7 @@ class Decoded:
         with _converting:
             height, width = self._square
             pixels = self.converter.reformat(self.image, width, height, format="rgb24").to_ndarray()
-        return np.ascontiguousarray(np.rot90(pixels, self.quarters))
+        return np.ascontiguousarray(self._as_shown(pixels))
 
     def luma(self) -> Pixels | None:
         """(H, W) uint8, a view; None where what was decoded has no luma of eight bits apart from its colour, or no
@@ -103,7 +112,12 @@ class Decoded:
         if not _has_luma(self.image.format.name) or plane.line_size < width or self._square != (height, width):
             return None
         rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
-        return np.rot90(rows[:, :width], self.quarters)
+        return self._as_shown(rows[:, :width])
+
+    def _as_shown(self, pixels: Pixels) -> Pixels:
+        """A view of what was decoded, as players show it."""
+        columns, quarters = self.shown
+        return np.rot90(pixels[:, ::columns], quarters)
 
 
 def _check(pixels: object) -> None:

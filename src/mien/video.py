@@ -1,7 +1,7 @@
 """Where frames come from: a file, a folder of images, a camera, a program that reads them itself.
 
 Times are the container's own time stamps in seconds, also where the frame rate varies. Everything becomes
-RGB with 8 bits, upright as the container's rotation says, and its pixels square. A frame whose size differs from the
+RGB with 8 bits, turned and mirrored as the container says, and its pixels square. A frame whose size differs from the
 first one's is scaled into it without distortion, with black borders and a warning. Frames are decoded one at a time.
 """
 
