@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from functools import cache
 
+import cv2
 import numpy as np
 
+from mien.frame import Pixels
 from mien.geometry.rotation import Array, angle_between
+from mien.initialization.landmarks import place_of
 from mien.synthetic import Portrait, SyntheticSequence, make_sequence, moved, portrait
 from mien.tracking.state import Estimate, Tracker
 
@@ -27,6 +30,13 @@ def small_motion(blank: Collection[int] = ()) -> SyntheticSequence:
     along = np.linspace(0, 1, STEPS + 1)[:, None]
     states = moved(face(), along * ANGLES_DEG, along * SHIFT, np.zeros((STEPS + 1, 6)))
     return make_sequence(face(), states, noise_sd=2, blank=blank)
+
+
+def turned_portrait(deg: float) -> tuple[Pixels, Array]:
+    """The first frame of the small motion turned about its face, and the (2, 3) matrix that does it."""
+    pixels, ((x, y), _) = small_motion().frames[0].pixels, place_of(face().landmarks.points)
+    A = cv2.getRotationMatrix2D((x, y), deg, 1.0)
+    return np.asarray(cv2.warpAffine(pixels, A, pixels.shape[1::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8), A
 
 
 def run(tracker: Tracker, sequence: SyntheticSequence) -> list[Estimate]:

@@ -17,7 +17,7 @@ from mien.frame import Frame
 from mien.geometry.rotation import Array
 from mien.initialization import detector
 from mien.initialization.mediapipe_mesh import silenced
-from small_motion import face, small_motion
+from small_motion import face, small_motion, turned_portrait
 
 needs_mediapipe = pytest.mark.skipif(
     importlib.util.find_spec("mediapipe") is None, reason="the extra `auto` is not installed"
@@ -62,6 +62,14 @@ def test_the_portrait_is_found() -> None:
     _, known, _ = face().landmarks.correspondences()
     assert np.abs(points.mean(axis=0) - known.mean(axis=0)).max() < 3
     assert depths is not None
+
+
+@pytest.mark.parametrize("deg", [60.0, 90.0, 120.0, 150.0, 180.0, -120.0, -90.0])
+def test_a_face_that_stands_on_its_head_is_not_taken_for_an_upright_one(deg: float) -> None:
+    (known,), (picture, A) = detector.detect(small_motion().frames[0]), turned_portrait(deg)
+    (found,) = detector.detect(Frame(picture))
+    apart = np.linalg.norm(known.points @ A[:, :2].T + A[:, 2] - found.points, axis=1)
+    assert apart.mean() < 0.02 * np.ptp(known.points, axis=0).max()
 
 
 def test_what_is_dark_is_not_made_black() -> None:

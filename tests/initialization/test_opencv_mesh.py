@@ -7,22 +7,13 @@ import numpy as np
 import pytest
 
 from mien.frame import Pixels
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks, place_of
 from mien.initialization.opencv_mesh import OpenCVMesh
-from small_motion import face, small_motion
+from small_motion import face, small_motion, turned_portrait
 
 
 def _portrait() -> Pixels:
     return small_motion().frames[0].pixels
-
-
-def _turned(deg: float, scale: float = 1.0) -> tuple[Pixels, Array]:
-    """The portrait turned about its face, and the (2, 3) matrix that does it."""
-    (x, y), _ = place_of(face().landmarks.points)
-    A = cv2.getRotationMatrix2D((x, y), deg, scale)
-    pixels = _portrait()
-    return np.asarray(cv2.warpAffine(pixels, A, pixels.shape[1::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8), A
 
 
 def test_the_points_are_those_of_the_portrait() -> None:
@@ -38,7 +29,7 @@ def test_the_points_are_those_of_the_portrait() -> None:
 @pytest.mark.parametrize("deg", [-30.0, -15.0, 20.0, 30.0])
 def test_a_face_that_leans_is_seen_upright(deg: float) -> None:
     """The same points, turned along, wherever the picture turns to."""
-    (known,), (picture, A) = OpenCVMesh(1).faces(_portrait()), _turned(deg)
+    (known,), (picture, A) = OpenCVMesh(1).faces(_portrait()), turned_portrait(deg)
     (found,) = OpenCVMesh(1).faces(picture)
     apart = np.linalg.norm(known[:, :2] @ A[:, :2].T + A[:, 2] - found[:, :2], axis=1)
     assert apart.mean() < 0.02 * place_of(known)[1]
