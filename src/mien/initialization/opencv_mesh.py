@@ -45,7 +45,8 @@ class OpenCVMesh:
         """faces: the largest number of faces that is told of."""
         self.most = faces
         self.detector, self.mesh = (_read(name) for name in ("face_detection_short_range", "face_landmark"))
-        self.anchors = np.concatenate([np.repeat(_centres(cells), count, axis=0) for cells, count in _GRIDS])
+        middles = [np.repeat(_middles(cells), count, axis=0) for cells, count in _GRIDS]
+        self.cells = _DETECTOR_PX * np.concatenate(middles)
 
     def faces(self, pixels: Pixels) -> list[Array]:
         """Points (468, 3) in pixels of the faces of an image (H, W, 3), RGB; the third is depth relative to the head's
@@ -71,26 +72,22 @@ class OpenCVMesh:
 
     def detect(self, pixels: Pixels) -> list[tuple[Array, Array]]:
         """Boxes (2, 2) of faces, corner and size, and their eyes (2, 2), right and left, in pixels; surest first."""
-        height, width = pixels.shape[:2]
-        side = max(height, width)
-        shrunk = [max(round(_DETECTOR_PX * length / side), 1) for length in (width, height)]
+        size, side = np.array(pixels.shape[1::-1]), max(pixels.shape[:2])
+        shrunk = np.maximum(np.rint(_DETECTOR_PX * size / side).astype(int), 1)
+        corner = (_DETECTOR_PX - shrunk) // 2
+        (x, y), (w, h) = corner, shrunk
         square = np.zeros((_DETECTOR_PX, _DETECTOR_PX, 3), np.uint8)
-        corner = [(_DETECTOR_PX - length) // 2 for length in shrunk]
-        smaller = cv2.INTER_AREA if side > _DETECTOR_PX else cv2.INTER_LINEAR
-        square[corner[1] : corner[1] + shrunk[1], corner[0] : corner[0] + shrunk[0]] = cv2.resize(
-            pixels, shrunk, interpolation=smaller
-        )
+        smoothly = cv2.INTER_AREA if side > _DETECTOR_PX else cv2.INTER_LINEAR
+        square[y : y + h, x : x + w] = cv2.resize(pixels, shrunk.tolist(), interpolation=smoothly)
         scores, boxes = sorted(_run(self.detector, square / np.float32(127.5) - 1), key=np.size)
+        # Of each face its middle, its size and six points, in pixels; all but the size from the middle of its cell.
+        told, scale = boxes.reshape(-1, 8, 2), size / shrunk
+        sizes = scale * told[:, 1]
+        points = scale * (np.delete(told, 1, axis=1) + self.cells[:, None] - corner)
+        found = np.stack([points[:, 0] - 0.5 * sizes, sizes], axis=1)
         score = 1 / (1 + np.exp(-np.clip(scores.ravel(), -50, 50)))
-        # Centre, size and six points of each face, all but the size from the middle of its cell.
-        places = boxes.reshape(-1, 8, 2) / _DETECTOR_PX
-        places[:, [0, *range(2, 8)]] += self.anchors[:, None]
-        scale = np.array([width / shrunk[0], height / shrunk[1]])
-        places[:, [0, *range(2, 8)]] -= np.array(corner) / _DETECTOR_PX
-        places *= _DETECTOR_PX * scale
-        places[:, 0] -= 0.5 * places[:, 1]
-        kept = cv2.dnn.NMSBoxes(places[:, :2].reshape(-1, 4).tolist(), score.tolist(), _LEAST_SCORE, _MOST_OVERLAP)
-        return [(places[k, :2], places[k, 2:4]) for k in np.ravel(kept).astype(int)]
+        kept = cv2.dnn.NMSBoxes(found.reshape(-1, 4).tolist(), score.tolist(), _LEAST_SCORE, _MOST_OVERLAP)
+        return [(found[k], points[k, 1:3]) for k in np.ravel(kept).astype(int)]
 
     def _mesh_in(self, pixels: Pixels, box: Array, eyes: Array) -> Array | None:
         """Points (468, 3) of a face in a box (2, 2) with eyes (2, 2); None where there is none."""
@@ -123,7 +120,7 @@ def _box(face: Array) -> Array:
     return np.array([low, high - low])
 
 
-def _centres(cells: int) -> Array:
+def _middles(cells: int) -> Array:
     """Middles (cells^2, 2) of the cells of a grid over the unit square, x and y, row by row."""
     y, x = np.mgrid[:cells, :cells] + 0.5
     return np.column_stack([x.ravel(), y.ravel()]) / cells
