@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mien import batch
+from mien._version import __version__
 from mien.batch import Row, Wish, find_videos, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
@@ -58,7 +59,9 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
         Estimate(k, 0.5 * k, status, *((None, None) if status is Status.LOST else (R, t)), confidence=sure)
         for k, (status, sure) in enumerate(states)
     ]
-    metadata = {"complete": True, "preset": "realtime", "passes": 1, "asked": ASKED, "video": {"bytes": 0}}
+    metadata = {
+        "mien": __version__, "complete": True, "preset": "realtime", "passes": 1, "asked": ASKED, "video": {"bytes": 0},
+    }  # fmt: skip
     Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
 
@@ -107,6 +110,18 @@ def test_no_table_takes_the_place_of_another(tmp_path: Path) -> None:
     out = tmp_path / "out"
     tables = {str(table.relative_to(out)) for _, table in find_videos([tmp_path / "in"], out)}
     assert tables == {"pair.csv", "pair.face1.mp4.csv", "alone.face1.csv", "summary.mp4.csv", "sub/summary.csv"}
+
+
+def test_a_folder_of_images_that_is_named_is_a_video(code: dict[str, str], tmp_path: Path) -> None:
+    """Beside videos, and deeper down, images are no video: plots are images too."""
+    folder, out = tmp_path / "take.1", tmp_path / "out"
+    (folder / "deeper").mkdir(parents=True)
+    for image in ("1.png", "deeper/plot.png"):
+        (folder / image).write_bytes(b"")
+    assert find_videos([folder], out) == [(folder, out / "take.1.csv")]
+    assert _states(track_all([folder], out)) == ["tracked"]
+    (folder / "deeper" / "a.mp4").write_bytes(b"")
+    assert find_videos([folder], out) == [(folder / "deeper" / "a.mp4", out / "deeper" / "a.csv")]
 
 
 def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
@@ -183,6 +198,8 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     half.write_text(json.dumps({**json.loads(half.read_text()), "complete": False}))
     (out / "sub" / "c.parquet").unlink()
     assert _states(track_all([videos], out)) == ["tracked"] * 3
+    half.write_text(json.dumps({**json.loads(half.read_text()), "mien": "0.0.1"}))
+    assert _states(track_all([videos / "sub"], out / "sub")) == ["tracked", "kept"]
     (videos / "a.mp4").write_bytes(b"another video")
     os.utime(videos / "a.mp4", (0, 0))
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]

@@ -184,6 +184,9 @@ def test_a_face_is_known_where_a_track_has_it() -> None:
     for k, x in ((4, 200), (6, 100), (9, 100)):
         assert not _is_known([_seen(k, x)], [other])
     assert not _is_known([_seen(4, 100)], [])
+    gaps = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4) for k in (0, 3, 4, 8, 9))  # images that could not be read
+    assert _is_known([_seen(4, 100)], [gaps])
+    assert not _is_known([_seen(9, 100)], [gaps])
 
 
 def test_it_is_part_of_mien() -> None:

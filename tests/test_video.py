@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import tracemalloc
 import warnings
@@ -77,7 +78,7 @@ def test_frames_of_a_program_are_a_video_that_is_shown_once() -> None:
 def test_frames_of_a_program_are_of_one_size() -> None:
     large = np.zeros((480, 640, 3), np.uint8)
     with pytest.warns(MienWarning, match="the frames: frame 1 has 640x480 pixels"):
-        frames = list(open_video([Frame(gradient(0), 0), Frame(large, 1)]))
+        frames = list(open_video([Frame(gradient(0), 0, 0.0), Frame(large, 1, 0.1)]))
     assert [f.pixels.shape for f in frames] == [gradient(0).shape] * 2
 
 
@@ -86,6 +87,28 @@ def test_frames_of_a_program_are_frames_and_numbered() -> None:
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
     with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
         list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
+    with pytest.raises(MienError, match="frame 1 has the time 0 s after 0 s; give seconds that grow"):
+        list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
+
+
+def test_what_is_neither_file_nor_folder_is_refused(tmp_path: Path) -> None:
+    """Nothing waits for what may never come through a pipe."""
+    os.mkfifo(tmp_path / "pipe.mp4")
+    with pytest.raises(MienError, match=r"pipe.mp4 is a pipe, .* save it as a file"):
+        open_video(tmp_path / "pipe.mp4")
+
+
+def test_time_that_jumps_back_goes_on(tmp_path: Path) -> None:
+    """As where two recordings were joined; a single wrong time stamp is put right alone."""
+    joined, part = tmp_path / "joined.ts", tmp_path / "part.ts"
+    write_video(part, [gradient(i) for i in range(40)], codec="mpeg2video", pix_fmt="yuv420p")
+    joined.write_bytes(2 * part.read_bytes())
+    alone = [f.time for f in frames_of(part)]
+    with pytest.warns(MienWarning, match=r"joined.ts: time jumps back from .* s, and goes on here as if it did not"):
+        times = np.array([f.time for f in open_video(joined)])
+    assert len(times) == 80
+    np.testing.assert_allclose(times[:40], alone)
+    np.testing.assert_allclose(np.diff(times), 0.04, atol=1e-3)
 
 
 def test_a_video_can_be_read_twice(video: Path) -> None:

@@ -15,15 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from mien._version import __version__
 from mien.errors import MienError, require, warn
-from mien.files import require_writable, whole_file
+from mien.files import require_writable, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Call, Ended, Progress, run_commands
 from mien.registry import create_tracker, file_of
 from mien.start import asked
-from mien.video import VIDEO_SUFFIXES
+from mien.video import VIDEO_SUFFIXES, images_of
 
 SUMMARY = "summary.csv"
 TRACKED, KEPT, FAILED, NOT_YET = "tracked", "kept", "failed", "not yet"
@@ -63,8 +64,9 @@ class Wish:
         return [*chain.from_iterable(pairs), *["--at-once"] * self.at_once]
 
     def is_met_by(self, metadata: Mapping[str, Any]) -> bool:
-        """Whether a track with this NAME.json is what is asked for."""
-        wanted = {"complete": True, "preset": self.preset, "passes": self.passes, "asked": asked(self, self.at_once)}
+        """Whether a track with this NAME.json is what is asked for, from this version of mien."""
+        wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
+        wanted["asked"] = asked(self, self.at_once)
         return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
@@ -162,7 +164,8 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
 
 
 def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
-    """Videos of a path, each with its place below the folder that was given."""
+    """Videos of a path, each with its place below the folder that was given, which is one itself where it has no video
+    but images."""
     require(path.exists(), f"{path}: no such file or folder; check the name")
     if path.is_file():
         yield path, Path(path.name)
@@ -172,10 +175,12 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
         not path.resolve().is_relative_to(out.resolve()),
         f"{out} holds the videos; choose another folder for the tables with -o",
     )
-    for file in sorted(path.rglob("*")):
-        hidden = any(part.startswith(".") for part in file.relative_to(path).parts)
-        if file.suffix.lower() in VIDEO_SUFFIXES and not hidden and not file.resolve().is_relative_to(out.resolve()):
-            yield file, file.relative_to(path)
+    below = (file for file in sorted(path.rglob("*")) if file.suffix.lower() in VIDEO_SUFFIXES)
+    shown = (file for file in below if not any(part.startswith(".") for part in file.relative_to(path).parts))
+    videos = [file for file in shown if not file.resolve().is_relative_to(out.resolve())]
+    yield from ((file, file.relative_to(path)) for file in videos)
+    if not videos and images_of(path):
+        yield path, Path(f"{path.resolve().name}.images")
 
 
 def _processors() -> int:
@@ -205,12 +210,13 @@ def _kept(row: Row, wish: Wish) -> list[Row] | None:
     except MienError:
         return None
     known = track.metadata if isinstance(track.metadata, dict) else {}
-    if not wish.is_met_by(known) or known.get("video", {}).get("bytes") != row.video.stat().st_size:
+    if not wish.is_met_by(known) or known.get("video", {}).get("bytes") != size_of(row.video):
         return None
     files = wish.files_of(row.table, known.get("faces", 1))
+    read = [row.video, *(images_of(row.video) if row.video.is_dir() else ())]
     if not all(file.exists() for file in files):
         return None
-    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (row.video, *wish.inputs)):
+    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *wish.inputs)):
         return None
     with suppress(MienError):
         return _faces(replace(row, state=KEPT), track)

@@ -17,9 +17,12 @@ def warn(message: str) -> None:
 
 
 def interruption(error: BaseException) -> BaseException:
-    """The KeyboardInterrupt that an error comes from, as the SystemError of a compiled function that was stopped within
-    does; else the error."""
-    return error.__cause__ if isinstance(error.__cause__, KeyboardInterrupt) else error
+    """The KeyboardInterrupt that an error comes from, as the SystemErrors of a compiled function that was stopped
+    within do; else the error."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__
+    return error if cause is None else cause
 
 
 def require(condition: bool, message: str) -> None:

@@ -76,13 +76,13 @@ class Places:
         points = track.landmarks
         require(points is not None, "this preset gives no landmarks, by which several faces are told from each other")
         assert points is not None
-        self.first, self.confidence = int(track.index[0]), track.confidence
+        self.index, self.confidence = track.index, track.confidence
         low, high = points.min(axis=1), points.max(axis=1)
         self.centre, self.size = 0.5 * (low + high), (high - low).max(axis=1)
 
     def has(self, seen: Sighting) -> bool:
         """Whether the track is sure to have the face that was seen there."""
-        row = seen.index - self.first
+        row = int(np.searchsorted(self.index, seen.index))  # images that cannot be read leave gaps
         here = replace(seen, centre=self.centre[row], size=float(self.size[row]))
         return bool(self.confidence[row] > _KNOWN) and here.is_at(seen)
 

@@ -82,6 +82,11 @@ def checksum(path: Path) -> str:
     return digest.hexdigest()
 
 
+def size_of(path: Path) -> int | None:
+    """Bytes of a file, None of a folder."""
+    return path.stat().st_size if path.is_file() else None
+
+
 def _umask() -> int:
     """The process's mask for new files, which `mkstemp` does not follow."""
     mask = os.umask(0)

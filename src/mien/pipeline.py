@@ -18,7 +18,7 @@ import numpy as np
 from mien._version import __version__
 from mien.config import Settings
 from mien.errors import MienError, interruption, require, warn
-from mien.files import checksum, require_writable
+from mien.files import checksum, require_writable, size_of
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -319,7 +319,7 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         "video": {
             "name": video.name,
             "sha256": None if video.path is None else checksum(video.path),
-            "bytes": video.path.stat().st_size if video.path is not None and video.path.is_file() else None,
+            "bytes": None if video.path is None else size_of(video.path),
             "width": begin.first.width,
             "height": begin.first.height,
             "fps": video.fps,

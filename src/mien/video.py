@@ -32,6 +32,8 @@ VIDEO_SUFFIXES = (
 """What is a video where a folder is searched for them; a file that is named may have any ending."""
 FOLDER_FPS = 25.0
 """Frames per second of a folder of images, which carries no time."""
+_JUMP_S = 1.0
+"""By how much time jumps back where files were joined; by less where a time stamp is wrong alone."""
 HELD_BYTES = 1 << 29
 """How much of a video is held in memory to play it backwards."""
 _NARROWEST = 4.0
@@ -78,6 +80,8 @@ def open_video(source: Source) -> Video:
         return CameraDevice(int(str(source)))
     require("://" not in str(source), f"{source} is no file; of a stream give the frames, see mien.stream")
     require(path.exists(), f"{path}: no such file; check the name")
+    known = path.is_dir() or path.is_file()
+    require(known, f"{path} is a pipe, and a video is read more than once; save it as a file, or see mien.stream")
     return _open_folder(path) if path.is_dir() else _open_file(path)
 
 
@@ -195,17 +199,23 @@ class VideoFile:
     def _frames(self) -> Iterator[Frame]:
         converter = _converter()
         count, time, until, damaged = 0, self.begin, self.begin, False
+        later = 0.0  # than the time stamps say
         for image in _decoded(self.path):
             if image is None:
                 damaged = True
                 continue
-            time = until if image.time is None else float(image.time)
+            told = until if image.time is None else float(image.time) + later
+            if count > 0 and told < time - _JUMP_S:
+                warn(f"{self.path}: time jumps back from {time:.2f} to {told:.2f} s, and goes on here as if it did not")
+                later += until - told
+            time = told if count == 0 or told > time else until
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
             yield Frame(Decoded(image, converter, self.aspect), count, time)
             count += 1
         require(
             count > 0,
-            f"{self.path}: no frame could be decoded; the file is empty or damaged, convert it again",
+            f"{self.path}: no frame could be decoded; the file is empty, damaged, or of a kind that is not read; "
+            "convert it to MP4",
         )
         if damaged or self._ends_early(count, until):
             of = f" of {self.declared}" if self.declared else ""
@@ -297,7 +307,7 @@ class GivenFrames:
         return _one_size(self._checked(), self.name)
 
     def _checked(self) -> Iterator[Frame]:
-        last = -1
+        last, time = -1, -math.inf
         for frame in self.frames:
             require(
                 isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, seconds)"
@@ -306,7 +316,12 @@ class GivenFrames:
                 frame.index > last,
                 f"frame {frame.index} comes after frame {last}; number them, as mien.Frame(pixels, index, seconds)",
             )
-            last = frame.index
+            require(
+                frame.time > time,
+                f"frame {frame.index} has the time {frame.time:g} s after {time:g} s; give seconds that grow, as "
+                "mien.Frame(pixels, index, time.monotonic())",
+            )
+            last, time = frame.index, frame.time
             yield frame
 
 

@@ -130,5 +130,5 @@ def require_scikit_learn(tracker: str) -> None:
     """MienError unless scikit-learn, which the tracker of this name needs, is installed."""
     require(
         find_spec("sklearn") is not None,
-        f"the tracker {tracker!r} needs scikit-learn: pip install 'mien[baselines]'",
+        f"the tracker {tracker!r} needs scikit-learn: pip install scikit-learn",
     )

@@ -20,7 +20,7 @@ from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_told
 from mien.initialization.mediapipe_mesh import import_solution, read_faces, silenced
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
-NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install 'mien[auto]' (Python 3.10 to 3.12)"
+NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install mediapipe==0.10.21 (Python 3.10 to 3.12)"
 NO_FACE = "MediaPipe sees no face"
 
 
