@@ -91,6 +91,7 @@ def test_frames_of_a_program_are_frames_and_numbered() -> None:
         list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")
 def test_what_is_neither_file_nor_folder_is_refused(tmp_path: Path) -> None:
     """Nothing waits for what may never come through a pipe."""
     os.mkfifo(tmp_path / "pipe.mp4")
