@@ -105,11 +105,34 @@ def test_time_that_jumps_back_goes_on(tmp_path: Path) -> None:
     write_video(part, [gradient(i) for i in range(40)], codec="mpeg2video", pix_fmt="yuv420p")
     joined.write_bytes(2 * part.read_bytes())
     alone = [f.time for f in frames_of(part)]
-    with pytest.warns(MienWarning, match=r"joined.ts: time jumps back from .* s, and goes on here as if it did not"):
+    with pytest.warns(MienWarning, match=r"joined.ts: time jumps back from .* s, and goes on as if it did not"):
         times = np.array([f.time for f in open_video(joined)])
     assert len(times) == 80
     np.testing.assert_allclose(times[:40], alone)
     np.testing.assert_allclose(np.diff(times), 0.04, atol=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::mien.errors.MienWarning")
+def test_where_time_jumps_back_frames_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A time may be that of a frame in each of the files that were joined; only the first jump is warned of."""
+    images = [gradient(i) for i in range(80)]
+    write_video(tmp_path / "long.mpg", images, codec="mpeg2video", pix_fmt="yuv420p")
+    write_video(tmp_path / "short.mpg", [255 - image for image in images[:40]], codec="mpeg2video", pix_fmt="yuv420p")
+    parts = [(tmp_path / name).read_bytes() for name in ("short.mpg", "long.mpg", "short.mpg")]
+    (tmp_path / "joined.mpg").write_bytes(b"".join(parts))
+    video = open_video(tmp_path / "joined.mpg")
+    with pytest.warns(MienWarning, match="time jumps back") as told:
+        frames = list(video)
+    assert len(frames) == 160
+    assert len(told) == 1
+    monkeypatch.setattr("mien.video.HELD_BYTES", 50 * frames[0].pixels.nbytes)
+    once_more = {f.index: decoded_again(video, f, f.index, f.time) for f in frames[::20]}
+    played = list(backwards(video, begin=0.0, end=160))
+    for again in (once_more, {f.index: f for f in played}):
+        for index, frame in again.items():
+            assert frame.time == frames[index].time
+            np.testing.assert_array_equal(frame.pixels, frames[index].pixels)
+    assert [f.index for f in played] == [*range(159, -1, -1)]
 
 
 def test_a_video_can_be_read_twice(video: Path) -> None:

@@ -13,6 +13,7 @@ import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral
 from pathlib import Path
 from time import perf_counter
@@ -138,12 +139,12 @@ def decoded_again(video: Video, frame: Frame, index: int, time: float) -> Frame:
 
 
 def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
-    """The frames with these indices and times: from the nearest key frame on, or, where the container does not find
-    them all so, from the beginning."""
+    """The frames with these indices and times: from the nearest key frame on, or, where time jumps back, or the
+    container does not find them all so, from the beginning."""
     if not there:
         return []
     indices, times = zip(*there, strict=True)
-    if isinstance(video, VideoFile):
+    if isinstance(video, VideoFile) and video.in_order:
         found = list(video.between(times[0], times[-1]))
         if [f.time for f in found] == list(times) and all((f.height, f.width) == size for f in found):
             return [Frame(f.image, index, f.time) for f, index in zip(found, indices, strict=True)]
@@ -186,6 +187,22 @@ class VideoFile:
     def __iter__(self) -> Iterator[Frame]:
         return _one_size(self._frames(), self.name)
 
+    @cached_property
+    def in_order(self) -> bool:
+        """Whether time never jumps back; in files that were joined it does, and a time may be that of two frames. Where
+        the header counts the frames, it does not; other files are read once to know."""
+        if self.declared:
+            return True
+        import av
+
+        with _container(self.path) as container:
+            packets = container.demux(container.streams.video[0])
+            times = (packet.dts for packet in packets if packet.dts is not None)
+            try:
+                return all(before <= after for before, after in itertools.pairwise(times))
+            except av.error.FFmpegError:
+                return False
+
     def between(self, begin: float, until: float) -> Iterator[Frame]:
         """The frames from one time to another, both in seconds and included, without index and as large as they are.
         They are decoded from the last key frame on: some containers do not find that, and frames are missing."""
@@ -206,7 +223,8 @@ class VideoFile:
                 continue
             told = until if image.time is None else float(image.time) + later
             if count > 0 and told < time - _JUMP_S:
-                warn(f"{self.path}: time jumps back from {time:.2f} to {told:.2f} s, and goes on here as if it did not")
+                if later == 0:
+                    warn(f"{self.path}: time jumps back from {time:.2f} to {told:.2f} s, and goes on as if it did not")
                 later += until - told
             time = told if count == 0 or told > time else until
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
