@@ -124,6 +124,13 @@ def test_a_folder_of_images_that_is_named_is_a_video(code: dict[str, str], tmp_p
     assert find_videos([folder], out) == [(folder / "deeper" / "a.mp4", out / "deeper" / "a.csv")]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")
+def test_a_pipe_is_no_video(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mp4")
+    with pytest.raises(MienError, match=r"pipe.mp4: no such file or folder; .* a pipe"):
+        find_videos([tmp_path / "pipe.mp4"], tmp_path / "out")
+
+
 def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "other").mkdir()

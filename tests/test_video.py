@@ -92,11 +92,13 @@ def test_frames_of_a_program_are_frames_and_numbered() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")
-def test_what_is_neither_file_nor_folder_is_refused(tmp_path: Path) -> None:
-    """Nothing waits for what may never come through a pipe."""
+def test_what_is_neither_file_nor_folder_is_refused(video: Path, tmp_path: Path) -> None:
+    """Nothing waits for what may never come through a pipe; a link to a file is that file."""
     os.mkfifo(tmp_path / "pipe.mp4")
-    with pytest.raises(MienError, match=r"pipe.mp4 is a pipe, .* save it as a file"):
+    with pytest.raises(MienError, match=r"pipe.mp4 is a pipe or a device, .* save it as a file"):
         open_video(tmp_path / "pipe.mp4")
+    (tmp_path / "link.mp4").symlink_to(video)
+    assert len(list(open_video(tmp_path / "link.mp4"))) == 10
 
 
 def test_time_that_jumps_back_goes_on(tmp_path: Path) -> None:

@@ -166,7 +166,8 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
 def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
     """Videos of a path, each with its place below the folder that was given, which is one itself where it has no video
     but images."""
-    require(path.exists(), f"{path}: no such file or folder; check the name")
+    known = path.is_dir() or path.is_file()
+    require(known, f"{path}: no such file or folder; check the name, and save what comes through a pipe as a file")
     if path.is_file():
         yield path, Path(path.name)
         return

@@ -81,8 +81,11 @@ def open_video(source: Source) -> Video:
         return CameraDevice(int(str(source)))
     require("://" not in str(source), f"{source} is no file; of a stream give the frames, see mien.stream")
     require(path.exists(), f"{path}: no such file; check the name")
-    known = path.is_dir() or path.is_file()
-    require(known, f"{path} is a pipe, and a video is read more than once; save it as a file, or see mien.stream")
+    require(
+        path.is_dir() or path.is_file(),
+        f"{path} is a pipe or a device, and a video is read more than once; save it as a file, or give its frames to "
+        "mien.stream",
+    )
     return _open_folder(path) if path.is_dir() else _open_file(path)
 
 
