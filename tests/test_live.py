@@ -107,6 +107,15 @@ def test_a_tracker_that_returns_no_estimate_is_named(
         list(mien.stream(folder))
 
 
+def test_an_interruption_of_a_compiled_function_is_one(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(tracker: Told, frame: Frame) -> Estimate:
+        raise SystemError from KeyboardInterrupt()
+
+    monkeypatch.setattr(Told, "track", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        list(mien.stream(folder))
+
+
 def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     for wrong in (np.nan, -1.0, "2", None):
         with pytest.raises(MienError, match="anew_after is"):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from numbers import Real
 from pathlib import Path
 
-from mien.errors import require
+from mien.errors import interruption, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.pipeline import DEFAULT_PRESET, warn_of_a_turned_face
@@ -46,7 +46,18 @@ def stream(
     patient = isinstance(anew_after, Real) and anew_after >= 0
     require(patient, f"anew_after is {anew_after!r}; give a number of seconds")
     create_tracker(preset)  # what is wrong with the arguments is told now and not when the first frame is asked for
-    return _stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, anew_after)
+    return _stoppable(_stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, anew_after))
+
+
+def _stoppable(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tuple[Frame, Estimate]]:
+    """The estimates; stopped within a compiled function, they end with a KeyboardInterrupt as anywhere else."""
+    try:
+        yield from estimates
+    except SystemError as error:
+        stop = interruption(error)
+        if stop is error:
+            raise
+        raise stop from None
 
 
 def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[Frame, Estimate]]:
