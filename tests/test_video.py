@@ -87,7 +87,7 @@ def test_frames_of_a_program_are_frames_and_numbered() -> None:
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
     with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
         list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
-    with pytest.raises(MienError, match="frame 1 has the time 0 s after 0 s; give seconds that grow"):
+    with pytest.raises(MienError, match="frame 1 has the time 0 s after 0 s; give seconds that grow, .*perf_counter"):
         list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
 
 
@@ -318,7 +318,7 @@ def test_nothing_decodes(tmp_path: Path) -> None:
     path = write_video(tmp_path / "header.avi", [gradient(i) for i in range(5)])
     content = path.read_bytes()
     path.write_bytes(content[: content.index(b"movi") + 4])
-    with pytest.raises(MienError, match=r"header.avi: no frame could be decoded"):
+    with pytest.raises(MienError, match=r"header.avi: no frame .* empty, damaged, or of a kind .*; convert it"):
         list(open_video(path))
 
 

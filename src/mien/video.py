@@ -340,7 +340,7 @@ class GivenFrames:
             require(
                 frame.time > time,
                 f"frame {frame.index} has the time {frame.time:g} s after {time:g} s; give seconds that grow, as "
-                "mien.Frame(pixels, index, time.monotonic())",
+                "mien.Frame(pixels, index, time.perf_counter())",
             )
             last, time = frame.index, frame.time
             yield frame
