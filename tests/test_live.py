@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import mien
-from mien import live
+from mien import live, start
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -96,6 +97,20 @@ def test_a_face_that_looks_like_somebody_elses_is_given_up_too(
 def test_a_face_that_is_there_is_not_given_up(folder: Path) -> None:
     assert begun(folder, anew_after=0.0)[0] == SEEN.start
     assert begun(folder, anew_after=0.0)[1] > SEEN[-1]
+
+
+def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if it was looked for in one before, at the end of which it was the known one."""
+    monkeypatch.setattr(start, "_into_camera", lambda R, t: False)
+    monkeypatch.setattr(start, "_PATIENCE", 0.11)
+    face = known_portrait().landmarks
+    look = lambda frame, at: [replace(face, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
+    monkeypatch.setattr(detector, "look", look)
+    sure = {*range(6, 15), *range(18, 24)}
+    monkeypatch.setattr(
+        Told, "track", lambda told, frame: told._estimate(frame, Status.TRACKED, float(frame.index in sure))
+    )
+    assert begun(folder, anew_after=0.05) == [SEEN.start + 3, 25 + 3]
 
 
 @pytest.mark.parametrize("method", ["initialize", "track"])

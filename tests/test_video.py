@@ -87,7 +87,7 @@ def test_frames_of_a_program_are_frames_and_numbered() -> None:
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
     with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
         list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
-    with pytest.raises(MienError, match="frame 1 has the time 0 s after 0 s; give seconds that grow, .*perf_counter"):
+    with pytest.raises(MienError, match=r"frame 1 has the time 0 s after 0 s; give seconds that grow, .*perf_counter"):
         list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
 
 

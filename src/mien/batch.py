@@ -210,7 +210,7 @@ def _kept(row: Row, wish: Wish) -> list[Row] | None:
         track = Track.read(row.table)
     except MienError:
         return None
-    known = track.metadata if isinstance(track.metadata, dict) else {}
+    known = track.metadata
     if not wish.is_met_by(known) or known.get("video", {}).get("bytes") != size_of(row.video):
         return None
     files = wish.files_of(row.table, known.get("faces", 1))

@@ -25,10 +25,15 @@ def whole_file(path: Path) -> Iterator[Path]:
         beside = temporary_beside(path)
         try:
             yield beside
-            os.chmod(beside, 0o666 & ~_umask())
-            os.replace(beside, path)
+            put_in_place(beside, path)
         finally:
             beside.unlink(missing_ok=True)
+
+
+def put_in_place(beside: Path, path: Path) -> None:
+    """Give a file that is whole its name, and the rights of a new file."""
+    beside.chmod(0o666 & ~_umask())
+    beside.replace(path)
 
 
 @contextmanager

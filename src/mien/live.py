@@ -76,5 +76,6 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else not_yet(frame)
         doubted = estimate.confidence <= _DOUBTED
-        seen = seen if doubted else frame.time
+        if not doubted:
+            seen, patience.met = frame.time, None
         yield frame, estimate

@@ -14,9 +14,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
+from pydantic import BaseModel
 
 from mien._version import __version__
-from mien.config import Settings
+from mien.candide.model import Candide
 from mien.errors import MienError, interruption, require, warn
 from mien.files import checksum, require_writable, size_of
 from mien.frame import Frame
@@ -49,7 +50,6 @@ Progress = Callable[[Estimate, int | None], None]
 class FittedTracker(Protocol):
     """A tracker that fits CANDIDE to the first frame, which its files and pictures then show."""
 
-    settings: Settings
     fit: FirstFrame
 
     def mesh(self, estimate: Estimate) -> Array | None: ...
@@ -114,8 +114,8 @@ def track(
         if progress is not None:
             progress(estimate, total)
 
-    begin = prepare(footage, landmarks, at_once, face, tell)
     check_passes(passes, footage.video, tracker, preset)
+    begin = prepare(footage, landmarks, at_once, face, tell)
     for result, _ in tracked(Pass(begin, preset, tracker, show=show), passes, files, tell):
         files.write(result)
     files.warn_of_more(1)
@@ -240,7 +240,7 @@ def write_first_frame(
         require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
         require_writable(path)
     begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
-    fit = fit_first_frame(begin.landmarks, begin.camera)
+    fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
     write_landmarks(output, begin.landmarks)
@@ -331,11 +331,13 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),
+        "mm_per_unit": recorder.mm_per_unit,
     }
+    settings = getattr(tracker, "settings", None)
+    if isinstance(settings, BaseModel):
+        values["settings"] = settings.model_dump(mode="json")
     if isinstance(tracker, FittedTracker):
         names = tracker.fit.model.shape_unit_names
-        values["settings"] = tracker.settings.model_dump(mode="json")
         values["shape_units"] = dict(zip(names, (np.round(tracker.fit.sigma, 6) + 0.0).tolist(), strict=True))
         values["fit_residual_px"] = round(tracker.fit.residual_px, 4)
-        values["mm_per_unit"] = tracker.fit.mm_per_unit
     return values

@@ -193,12 +193,14 @@ class VideoFile:
     @cached_property
     def in_order(self) -> bool:
         """Whether time never jumps back; in files that were joined it does, and a time may be that of two frames. Where
-        the header counts the frames, it does not; other files are read once to know."""
+        the header counts the frames, and in Matroska, it does not; other files are read once to know."""
         if self.declared:
             return True
         import av
 
         with _container(self.path) as container:
+            if "matroska" in container.format.name:
+                return True
             packets = container.demux(container.streams.video[0])
             times = (packet.dts for packet in packets if packet.dts is not None)
             try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from long_motion import sequence
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
+from mien.tracking import recovery
 from mien.tracking.recovery import Keyframes, _pnp
 from small_motion import face
 
@@ -30,6 +33,22 @@ def test_a_face_is_found_from_nothing(keyframes: Keyframes, index: int) -> None:
     R, t = found
     assert np.degrees(angle_between(R, sequence().R[index])) < 10
     np.testing.assert_allclose(t, sequence().t[index], atol=0.3)
+
+
+def test_a_detected_face_is_placed_alike_wherever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point that is wrong is left out near the image's corner as elsewhere."""
+    landmarks, camera = face().landmarks, face().camera
+    points = landmarks.points.copy()
+    points[[61, 291]] += [0, 12]
+    placed = []
+    for shift in (0, 1500):
+        seen = replace(landmarks, points=points + np.array([shift, 0]))
+        monkeypatch.setattr(recovery, "look", lambda frame, distant, seen=seen: [seen])
+        there = replace(camera, cx=camera.cx + shift)
+        placed += list(recovery.find_by_detector(sequence().frames[0], face().fit, there))
+    (R, t), (R_shifted, t_shifted) = placed
+    np.testing.assert_allclose(R_shifted, R, atol=1e-6)
+    np.testing.assert_allclose(t_shifted, t, atol=1e-5)
 
 
 def test_a_face_is_found_at_another_place_and_size(keyframes: Keyframes) -> None:

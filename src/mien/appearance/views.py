@@ -20,7 +20,7 @@ from mien.initialization.fit import FirstFrame
 
 def view_rotations(limit_deg: float = 30.0, step_deg: float = 10.0) -> list[Array]:
     """Rotations (3, 3) head -> camera: tilt, pan and roll from -limit to +limit; 7^3 = 343 for 30 by 10."""
-    count = round(limit_deg / step_deg)
+    count = math.floor(limit_deg / step_deg + 1e-9)
     angles = np.radians(step_deg) * np.arange(-count, count + 1)
     return [rotation(tilt, pan, roll) for tilt, pan, roll in product(angles, angles, angles)]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.errors import require
-from mien.files import named_errors, temporary_beside, whole_file
+from mien.files import named_errors, put_in_place, temporary_beside, whole_file
 from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -111,8 +111,13 @@ class OverlayWriter:
         self._last_pts, self._start = -1, 0.0
         with named_errors(self.path):
             self._beside = temporary_beside(path)
-            self._container = av.open(str(self._beside), "w", format="mp4")
-        self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
+        try:
+            with named_errors(self.path):
+                self._container = av.open(str(self._beside), "w", format="mp4")
+            self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
+        except BaseException:
+            self._beside.unlink()
+            raise
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.time_base = TIME_BASE
 
@@ -145,8 +150,7 @@ class OverlayWriter:
                     self._container.mux(self._stream.encode())
                 self._container.close()
                 if self._last_pts >= 0:
-                    self._beside.chmod(0o644)
-                    self._beside.replace(self.path)
+                    put_in_place(self._beside, self.path)
         finally:
             self._beside.unlink(missing_ok=True)
 

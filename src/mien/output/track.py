@@ -63,12 +63,10 @@ class Track:
     def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
         """The track of these estimates, as of `mien.stream`; in its metadata are the names of the landmarks and the
         millimetres of a CANDIDE unit, unless `metadata` says otherwise."""
-        mm_per_unit = 1.0
         with Recorder() as recorder:
             for estimate in estimates:
                 recorder.add(estimate)
-                mm_per_unit = estimate.mm_per_unit if estimate.status.success else mm_per_unit
-            known = {"landmark_names": list(recorder.landmark_names), "mm_per_unit": mm_per_unit}
+            known = {"landmark_names": list(recorder.landmark_names), "mm_per_unit": recorder.mm_per_unit}
             return recorder.track(known | dict(metadata or {}))
 
     def __len__(self) -> int:
@@ -214,6 +212,7 @@ class Track:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
         missing = {"frame", "timestamp", "confidence", "success", "status"} - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
+        require(isinstance(metadata, dict), f"{beside} is not of a track of mien; track the video again")
         return cls(table, metadata)
 
     def plot(self, path: str | Path) -> Path:
@@ -265,6 +264,7 @@ class Recorder:
         self.face_id = face_id
         self.count = 0
         self.landmark_names: tuple[str, ...] = ()
+        self.mm_per_unit = 1.0
         self._waiting: list[Estimate] = []
         with named_errors(self.path):
             folder = None if path is None else path.parent
@@ -282,6 +282,8 @@ class Recorder:
         self._waiting.append(estimate)
         if estimate.landmarks is not None:
             self.landmark_names = estimate.landmarks.names
+        if estimate.status.success:
+            self.mm_per_unit = estimate.mm_per_unit
         self.count += 1
         if len(self._waiting) >= BATCH:
             self._flush()

@@ -21,6 +21,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array, exp
 from mien.initialization.detector import look
 from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import place_of
 
 KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size
 _CROP_UNITS = 2.0
@@ -31,6 +32,8 @@ _WINDOW = 440.0
 """Side of the part of the image that one search looks through, in pixels of the keyframes."""
 _MOST_FACES = 3
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
+_TOLERANCE = 0.05
+"""How far from where a pose puts them the points of a detected face may be, in sizes of the face."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ def find_by_detector(
     that are small in the image."""
     for face in look(frame, distant=distant)[:_MOST_FACES]:
         vertices, points, _ = face.correspondences()
-        placed = _pnp(fit.vertices()[vertices], points, camera, 0.05 * float(np.ptp(points)))
+        placed = _pnp(fit.vertices()[vertices], points, camera, _TOLERANCE * place_of(points)[1])
         if placed is not None:
             yield placed[1:]
 
