@@ -123,12 +123,15 @@ def test_a_tracker_that_returns_no_estimate_is_named(
 
 
 def test_an_interruption_of_a_compiled_function_is_one(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    within = KeyboardInterrupt()
+
     def stopped(tracker: Told, frame: Frame) -> Estimate:
-        raise SystemError from KeyboardInterrupt()
+        raise SystemError from within
 
     monkeypatch.setattr(Told, "track", stopped)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as raised:
         list(mien.stream(folder))
+    assert raised.value is not within  # which would be its own cause
 
 
 def test_bad_input_is_told_at_once(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mien
-from mien.config import PaperSettings, RealtimeSettings
+from mien.config import PaperSettings, RealtimeSettings, Settings
 from mien.errors import MienError
 from mien.registry import create_tracker, file_of
 from mien.tracking.realtime import RealtimeTracker
@@ -90,3 +90,11 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
         create_tracker("own_trackers_here:Half")
     with pytest.raises(MienError, match="unknown tracker 'not_there_at_all:Whole'"):
         create_tracker("not_there_at_all:Whole")
+
+
+@pytest.mark.parametrize("settings", [PaperSettings, RealtimeSettings])
+def test_every_setting_says_what_it_is(settings: type[Settings]) -> None:
+    itself = {"preset", "descriptor", "coarse"}  # which a docstring explains
+    assert {name for name, field in settings.model_fields.items() if not field.description} == itself & set(
+        settings.model_fields
+    )

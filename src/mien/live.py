@@ -54,10 +54,9 @@ def _stoppable(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tuple[Fr
     try:
         yield from estimates
     except SystemError as error:
-        stop = interruption(error)
-        if stop is error:
-            raise
-        raise stop from None
+        if isinstance(interruption(error), KeyboardInterrupt):
+            raise KeyboardInterrupt from None
+        raise
 
 
 def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[Frame, Estimate]]:

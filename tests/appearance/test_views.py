@@ -132,10 +132,3 @@ def test_a_large_frame_is_shrunk_before_it_is_drawn_small() -> None:
     )
     np.testing.assert_allclose(texture.uv, small.uv, atol=1e-6)
     np.testing.assert_allclose(texture.image, small.image, atol=1)
-
-
-def test_the_texture_is_grey_unless_colour_is_asked_for() -> None:
-    portrait = face()
-    assert texture_from_frame(portrait.frame, portrait.fit, portrait.camera).image.shape == (240, 320, 1)
-    colour = texture_from_frame(portrait.frame, portrait.fit, portrait.camera, color=True)
-    np.testing.assert_array_equal(colour.image, portrait.frame.pixels)

@@ -12,30 +12,21 @@ from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 
 
-def texture_from_frame(
-    frame: Frame, fit: FirstFrame, camera: Camera, *, color: bool = False, pixels_per_unit: float | None = None
-) -> Texture:
-    """Texture of the fitted CANDIDE, grey (one channel) unless colour is asked for."""
-    vertices = fit.vertices() @ fit.R.T + fit.t
-    return texture_of_vertices(frame, vertices, float(fit.t[2]), camera, pixels_per_unit, color=color)
+def texture_from_frame(frame: Frame, fit: FirstFrame, camera: Camera, pixels_per_unit: float | None = None) -> Texture:
+    """Grey texture of the fitted CANDIDE."""
+    return texture_of_vertices(frame, fit.vertices() @ fit.R.T + fit.t, float(fit.t[2]), camera, pixels_per_unit)
 
 
 def texture_of_vertices(
-    frame: Frame,
-    vertices: Array,
-    distance: float,
-    camera: Camera,
-    pixels_per_unit: float | None = None,
-    *,
-    color: bool = False,
+    frame: Frame, vertices: Array, distance: float, camera: Camera, pixels_per_unit: float | None = None
 ) -> Texture:
-    """Texture of a mesh (V, 3) in camera axes, at a distance, on the frame that shows it.
+    """Grey texture of a mesh (V, 3) in camera axes, at a distance, on the frame that shows it.
 
     pixels_per_unit: the resolution at which it will be drawn; a frame of more than twice that is shrunk first,
     so that drawing it does not alias.
     """
     uv, _ = camera.project(vertices)
-    pixels = frame.pixels if color else frame.gray
+    pixels = frame.gray
     if pixels_per_unit is not None:
         factor = int(camera.focal_px / distance / pixels_per_unit)
         if factor >= 2:

@@ -11,7 +11,6 @@ from mien.appearance.crop import Float32
 from mien.baselines.surface import GRAZING, Pose, Surface
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
@@ -87,12 +86,6 @@ class RigidHead:
         """The estimate of a frame that was not registered, with the reason: the last pose tells it."""
         reason = NOT_FOUND if self.in_sight(frame, pose) else OUT_OF_SIGHT
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
-
-    def mesh(self, estimate: Estimate) -> Array | None:
-        """Vertices (113, 3) in camera axes of an estimate, None where it is lost."""
-        if estimate.rotation is None or estimate.translation is None:
-            return None
-        return np.asarray(self.fit.vertices() @ estimate.rotation.T + estimate.translation)
 
 
 def _shrunk(frame: Frame, camera: Camera, fit: FirstFrame) -> tuple[Float32, float]:

@@ -105,11 +105,6 @@ class Candide:
             animation_units=self.animation_units @ R.T,
         )
 
-    def index(self, name: str) -> int:
-        """Index of the vertex with this name."""
-        require(name in self.vertex_names, f"the model has no vertex named {name!r}")
-        return self.vertex_names.index(name)
-
 
 def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -> float:
     """Millimetres in one CANDIDE unit for a face (V, 3) whose pupils are so far apart."""

@@ -87,10 +87,9 @@ def _about(scores: Scores) -> list[str]:
     e = scores.evaluation
     return [
         f"`{e.command}`",
-        f"mien {e.version}; {len(e.sequences)} sequence{'s' if len(e.sequences) != 1 else ''}; every "
-        "tracker begins with the same landmarks of "
-        "the "
-        f"first frame ({e.landmarks}). The protocol of all angles is {scores.protocol.value}.",
+        f"mien {e.version}; {len(e.sequences)} sequence{'s' if len(e.sequences) != 1 else ''}; every tracker begins "
+        f"with the same landmarks of the first frame ({e.landmarks}). The protocol of all angles is "
+        f"{scores.protocol.value}.",
     ]
 
 

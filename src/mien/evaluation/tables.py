@@ -146,10 +146,8 @@ def landmarks(scores: Scores) -> Table:
     return Table(
         "landmarks",
         "Landmarks: RMS of the twelve points of Fig. 3",
-        "`raw` compares the points as they are. `without offset` takes off the distance that each point "
-        "has from "
-        "the annotation in the first frame, because a tracker's points and the annotator's are not defined "
-        "alike. "
+        "`raw` compares the points as they are. `without offset` takes off the distance that each point has from the "
+        "annotation in the first frame, because a tracker's points and the annotator's are not defined alike. "
         "`normalised` is the raw RMS over the distance of the outer corners of the eyes in the first frame.",
         ("tracker", "kind", "raw (px)", "without offset (px)", "normalised (%)"),
         tuple(rows),

@@ -1,4 +1,4 @@
-"""Landmarks of the first frame: which point of an annotation is which vertex of CANDIDE; files.
+"""Landmarks of the first frame: which point of an annotation is which vertex of CANDIDE.
 
 A set of landmarks has a scheme, which fixes how many points there are and what they mean:
 `candide26` (the landmarks that are tracked), `ibug68`, `mediapipe478`, or `mediapipe468`, which is that without irises.

@@ -83,7 +83,7 @@ _HERE = (
     RESAMPLE, TAKE_PATCHES, ALIGN, PRODUCTS, PLACE, OF_TURN, AGREEMENT, POSED, MISPLACED, MISPLACEMENT, FIRM,
     TOLD, FOLLOW, ADDED,
 )  # fmt: skip
-"""What takes this one as long, once it has learned the face. What is in neither is compiled in no time."""
+"""What this process compiles meanwhile, once it has learned the face; the remaining kernels compile quickly."""
 
 
 def compile_beside() -> None:

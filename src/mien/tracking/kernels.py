@@ -230,7 +230,7 @@ def linearize_landmarks(
     """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
 
     Fills residuals (n, 128), what is seen less what is expected, M (n, 4, 4) Gauss-Newton information, g (n, 4)
-    gradient, d2 (n,) squared distance, in the metric `I inverse_floor + U diag(gain) U^T`, U (n, k, 128).
+    gradient, d2 (n,) squared distance, in the metric `I inverse_floor + U^T diag(gain) U`, U (n, k, 128).
     """
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)

@@ -64,9 +64,9 @@ class Estimate:
 
     rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
     of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
-    turns the estimate into the truth, beyond what the first frame's needs; confidence in [0, 1]: the probability that
-    the rotation is right to 5 degrees. What a tracker does not estimate is None. mm_per_unit converts lengths at the
-    boundary.
+    corrects what has turned since the first frame, whose own error is not in it; confidence in [0, 1]: the
+    probability that the rotation is right to 5 degrees. What a tracker does not estimate is None. mm_per_unit converts
+    lengths at the boundary.
     """
 
     index: int

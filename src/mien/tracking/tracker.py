@@ -69,9 +69,8 @@ class PaperTracker:
         self.prior_sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
         self.simplex = Simplex(s.simplex_spread * self.prior_sd, s.simplex_evaluations, np.random.default_rng(s.seed))
         self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
-        likelihood = self._likelihood(frame)
-        self.observed = likelihood.observe(self.b)
-        return self._estimate(frame, Status.INITIALIZED, likelihood)
+        self.observed = self._likelihood(frame).observe(self.b)
+        return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
         """Section 3.2: update the Gaussians with the last observation, then minimise Eq. (9)."""
@@ -85,7 +84,7 @@ class PaperTracker:
             self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
             return Estimate.lost(frame, "the face left the image", self.fit.mm_per_unit)
         self.observed = likelihood.observe(self.b)
-        return self._estimate(frame, Status.TRACKED, likelihood)
+        return self._estimate(frame, Status.TRACKED)
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
@@ -103,11 +102,11 @@ class PaperTracker:
         reader = Reader.of(crop.sample(frame, d.blur), d)
         return AppearanceLikelihood(self.landmarks, self.camera, crop, reader, self.gaussians)
 
-    def _estimate(self, frame: Frame, status: Status, likelihood: AppearanceLikelihood) -> Estimate:
+    def _estimate(self, frame: Frame, status: Status) -> Estimate:
         R, t, animation = unpack(self.b)
         X = self.landmarks.in_camera(self.b)
         image, _ = self.camera.project(X)
-        distance = np.sqrt(likelihood.gaussians.squared_distance(likelihood.observe(self.b)))
+        distance = np.sqrt(self.gaussians.squared_distance(self.observed))
         tracked = TrackedLandmarks(LANDMARK_NAMES, image, X, None, distance)
         return Estimate(
             frame.index, frame.time, status, R, t, animation, None, tracked, 1.0, self.fit.mm_per_unit

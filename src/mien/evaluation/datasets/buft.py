@@ -70,8 +70,7 @@ def read_truth(path: Path, frames: int) -> Truth:
     angles = read_dat(path)[:, [5, 4, 3]]
     require(
         len(angles) in (frames, frames + 1),
-        f"{path} has {len(angles)} rows and its video {frames} frames; it must have one row more than the "
-        "video has "
+        f"{path} has {len(angles)} rows and its video {frames} frames; it must have one row more than the video has "
         "frames (the first is dropped), or as many: check that they belong together",
     )
     angles = angles[1:]
@@ -88,8 +87,7 @@ def read_dat(path: Path) -> Array:
         raise MienError(f"{path} is not a table of numbers ({e}); BUFT's .dat has 6 or 7 columns") from e
     require(
         rows.shape[1] in (6, 7) and len(rows) > 1,
-        f"{path} has {rows.shape[0]} rows of {rows.shape[1]} columns; BUFT's .dat has 6 (X, Y, depth, roll, "
-        "yaw, "
+        f"{path} has {rows.shape[0]} rows of {rows.shape[1]} columns; BUFT's .dat has 6 (X, Y, depth, roll, yaw, "
         "pitch) or 7 (an index first), with a row for every frame",
     )
     require_finite(rows, path, "the truth")

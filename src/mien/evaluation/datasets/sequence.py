@@ -86,9 +86,8 @@ def require_frames(truth: int, video: int, source: Path) -> None:
     """Refuse truth of another number of frames than the video's: nothing is cut silently."""
     require(
         truth == video,
-        f"{source} describes {truth} frames and its video has {video}; check that they belong together, or "
-        "trim "
-        "the longer one",
+        f"{source} describes {truth} frames and its video has {video}; check that they belong together, or trim the "
+        "longer one",
     )
 
 
