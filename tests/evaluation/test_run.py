@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Still, angles_deg, face68, head_rotations
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.evaluation import worst
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.protocols import Protocol
 from mien.evaluation.results import SequenceResult, Timing
-from mien.evaluation.run import run_sequence, time_sequence
+from mien.evaluation.run import count_frames, run_sequence, time_sequence
 from mien.evaluation.scores import Score
 from mien.evaluation.worst import frame_errors, worst_frames
 from mien.frame import Frame
@@ -64,6 +65,16 @@ def test_a_failure_is_read_as_it_was_written(tmp_path: Path) -> None:
     (tmp_path / "r.npz").write_bytes(b"PK no")
     with pytest.raises(MienError, match="not a result"):
         SequenceResult.load(tmp_path / "r.npz")
+
+
+def test_images_that_cannot_be_read_are_not_passed_over(tmp_path: Path) -> None:
+    """Rows of the truth would be those of other frames."""
+    for index in range(4):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), np.zeros((48, 64, 3), np.uint8))
+    assert count_frames(tmp_path) == 4
+    (tmp_path / "1.png").write_bytes(b"no image")
+    with pytest.warns(MienWarning), pytest.raises(MienError, match="has images that cannot be read"):
+        count_frames(tmp_path)
 
 
 def test_the_worst_frames_are_those_with_the_largest_error(sequence: Sequence) -> None:

@@ -90,10 +90,12 @@ def time_sequence(
 
 
 def count_frames(video: Path) -> int:
-    """The frames of a video that decode; MienError where there is none."""
-    count = sum(1 for _ in open_video(video))
-    require(count > 0, f"{video} holds no frame that decodes; leave the sequence out")
-    return count
+    """The frames of a video; MienError where none decodes, or one of a folder's images is no image: the truth counts
+    them all."""
+    indices = [frame.index for frame in open_video(video)]
+    require(len(indices) > 0, f"{video} holds no frame that decodes; leave the sequence out")
+    require(indices[-1] + 1 == len(indices), f"{video} has images that cannot be read; repair or leave them out")
+    return len(indices)
 
 
 def peak_memory_mb() -> float:
