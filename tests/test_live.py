@@ -142,3 +142,8 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
         mien.stream(tmp_path / "missing.mp4")
     with pytest.raises(MienError, match="unknown tracker"):
         mien.stream(tmp_path, preset="none")
+    cv2.imwrite(str(tmp_path / "1.png"), np.zeros((24, 32, 3), np.uint8))
+    with pytest.raises(MienError, match="more than one way"):
+        mien.stream(tmp_path, focal_px=500, fov_deg=60)
+    with pytest.raises(MienError, match=r"none\.json"):
+        mien.stream(tmp_path, camera=tmp_path / "none.json")

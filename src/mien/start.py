@@ -68,6 +68,12 @@ class Footage:
             value = getattr(self, name)
             number = value is None or (isinstance(value, Real) and math.isfinite(value))
             require(number, f"{name} is {value!r}; give a number, or leave it out")
+        given = [v for v in (self.camera, self.focal_px, self.fov_deg) if v is not None]
+        require(
+            len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view"
+        )
+        if self.camera is not None and not isinstance(self.camera, Camera):
+            read_camera(self.camera)  # what is wrong with it is told now, and not at the first frame
 
     def frames(self) -> Iterator[Frame]:
         """Its frames, decoded from the beginning; see `select`."""
@@ -79,11 +85,7 @@ class Footage:
         return expected_count(self.video, self.start, self.end)
 
     def camera_of(self, frame: Frame) -> Camera:
-        """The camera, of which a frame says how large its images are. Raises MienError where more than one is given."""
-        given = [v for v in (self.camera, self.focal_px, self.fov_deg) if v is not None]
-        require(
-            len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view"
-        )
+        """The camera, of which a frame says how large its images are. Raises MienError where it sees too much."""
         if self.focal_px is not None:
             camera = Camera.centred(self.focal_px, frame.width, frame.height)
         elif self.camera is None:
