@@ -308,6 +308,12 @@ def mesh_of(tracker: Tracker, estimate: Estimate) -> Mesh | None:
     return None if vertices is None else Mesh(vertices, tracker.fit.model.triangles)
 
 
+def settings_of(tracker: Tracker) -> dict[str, Any]:
+    """A tracker's settings as plain values, none where it has none."""
+    own = getattr(tracker, "settings", None)
+    return dict(own.model_dump(mode="json")) if isinstance(own, BaseModel) else {}
+
+
 def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapping[str, Any]:
     """What is needed to get the same numbers again: the content of NAME.json."""
     begin, tracker, video = this.begin, this.tracker, this.begin.footage.video
@@ -333,9 +339,9 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         "landmark_names": list(recorder.landmark_names),
         "mm_per_unit": recorder.mm_per_unit,
     }
-    settings = getattr(tracker, "settings", None)
-    if isinstance(settings, BaseModel):
-        values["settings"] = settings.model_dump(mode="json")
+    settings = settings_of(tracker)
+    if settings:
+        values["settings"] = settings
     if isinstance(tracker, FittedTracker):
         names = tracker.fit.model.shape_unit_names
         values["shape_units"] = dict(zip(names, (np.round(tracker.fit.sigma, 6) + 0.0).tolist(), strict=True))

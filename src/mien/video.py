@@ -169,7 +169,8 @@ def expected_count(video: Video, start: float | None = None, end: float | None =
 class VideoFile:
     """A file that FFmpeg reads: what its header states of it, 0 where it states nothing.
 
-    begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height.
+    begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height; may_jump: whether
+    files of its kind may be joined, so that time jumps back.
     """
 
     path: Path
@@ -178,6 +179,7 @@ class VideoFile:
     duration: float
     declared: int
     aspect: float = 1.0
+    may_jump: bool = False
 
     @property
     def name(self) -> str:
@@ -193,14 +195,12 @@ class VideoFile:
     @cached_property
     def in_order(self) -> bool:
         """Whether time never jumps back; in files that were joined it does, and a time may be that of two frames. Where
-        the header counts the frames, and in Matroska, it does not; other files are read once to know."""
-        if self.declared:
+        it may, the file is read once to know."""
+        if not self.may_jump:
             return True
         import av
 
         with _container(self.path) as container:
-            if "matroska" in container.format.name:
-                return True
             packets = container.demux(container.streams.video[0])
             times = (packet.dts for packet in packets if packet.dts is not None)
             try:
@@ -356,11 +356,13 @@ def _open_file(path: Path) -> VideoFile:
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens it where the file is cut
             length = stream.frames / fps
-        if "matroska" in container.format.name:  # there it is when the last frame ends
+        matroska = "matroska" in container.format.name
+        if matroska:  # there it is when the last frame ends
             length = max(length - begin, 0)
         aspect = float(stream.sample_aspect_ratio or 1)
         aspect = aspect if 1 / _NARROWEST <= aspect <= _NARROWEST else 1.0
-        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect)
+        may_jump = not (stream.frames or matroska)
+        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump)
 
 
 def images_of(folder: Path) -> list[Path]:

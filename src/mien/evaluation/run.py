@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from mien.errors import require
 from mien.evaluation.datasets.sequence import Sequence, Truth
@@ -22,7 +21,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
-from mien.pipeline import FittedTracker
+from mien.pipeline import FittedTracker, settings_of
 from mien.registry import checked
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
@@ -59,7 +58,7 @@ def run_sequence(
         sequence.name,
         sequence.kind,
         settings or {},
-        _own_settings(tracker),
+        settings_of(tracker),
         track=track,
         truth=truth,
         pictures=_pictures(sequence.video, worst),
@@ -164,12 +163,6 @@ def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:
     """(V, 2) pixels of the mesh of a tracker that fits one."""
     vertices = tracker.mesh(estimate) if isinstance(tracker, FittedTracker) else None
     return None if vertices is None else camera.project(vertices)[0]
-
-
-def _own_settings(tracker: Tracker) -> dict[str, Any]:
-    """A tracker's settings as plain values."""
-    own = getattr(tracker, "settings", None)
-    return dict(own.model_dump(mode="json")) if isinstance(own, BaseModel) else {}
 
 
 def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, NDArray[np.uint8]]:

@@ -26,7 +26,7 @@ from mien.frame import Frame, Pixels
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Place, Point, place_of
 from mien.initialization.mediapipe_mesh import MediaPipeMesh, silenced
-from mien.initialization.opencv_mesh import OpenCVMesh
+from mien.initialization.opencv_mesh import OpenCVMesh, crop_matrix, uncrop
 
 _COPIES = (
     (0.0, 1.0, 1.0), (-8.0, 0.95, 1.6), (8.0, 0.95, 1.6), (-4.0, 1.1, 2.0), (4.0, 1.1, 2.0), (0.0, 0.85, 1.6)
@@ -167,18 +167,6 @@ def _size(face: Array) -> float:
     return place_of(face)[1]
 
 
-def _crop_matrix(centre: Array, turn_deg: float, scale: float, size: int) -> Array:
-    A = cv2.getRotationMatrix2D((float(centre[0]), float(centre[1])), turn_deg, scale)
-    A[:, 2] += 0.5 * (size - 1) - centre
-    return np.asarray(A, dtype=float)
-
-
-def _uncrop(points: Array, A: Array) -> Array:
-    inverse = cv2.invertAffineTransform(A)
-    scale = float(np.sqrt(abs(np.linalg.det(A[:, :2]))))
-    return np.column_stack([points[:, :2] @ inverse[:, :2].T + inverse[:, 2], points[:, 2] / scale])
-
-
 @cache
 def _tones(gamma: float, brightest: int) -> Pixels:
     """(256,) what every value of a picture becomes, whose brightest stays as it is: a dark one must not go black."""
@@ -224,9 +212,9 @@ class _Finder:
         centre, size = place
         side = _CROP_SIDE * size
         pixels = int(np.clip(side, *_CROP_PIXELS))
-        A = _crop_matrix(centre, turn_deg, scale * pixels / side, pixels)
+        A = crop_matrix(centre, turn_deg, scale * pixels / side, 0.5 * (pixels - 1))
         crop = cv2.warpAffine(frame.pixels, A, (pixels, pixels), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return [_uncrop(face, A) for face in self.mesh.faces(cv2.LUT(crop, _tones(gamma, int(crop.max()))))]
+        return [uncrop(face, A) for face in self.mesh.faces(cv2.LUT(crop, _tones(gamma, int(crop.max()))))]
 
     def _places(self, frame: Frame, everywhere: bool) -> list[Place]:
         """Where there may be a face: in the whole frame, and if there is none, or everywhere, in the quarters of a

@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 
 from mien.frame import Pixels
 from mien.geometry.rotation import Array
-from mien.initialization.landmarks import Place
-
-_Image = NDArray[np.float32]
+from mien.initialization.landmarks import Place, place_of
 
 _DETECTOR_PX, _MESH_PX = 128, 192
 """Sides of the squares that the networks look at."""
@@ -52,9 +50,9 @@ class OpenCVMesh:
         """Points (468, 3) in pixels of the faces of an image (H, W, 3), RGB; the third is depth relative to the head's
         centre."""
         found = []
-        for box, eyes in self.detect(pixels)[: self.most]:
-            face = self._mesh_in(pixels, box, eyes)
-            face = None if face is None else self._mesh_in(pixels, _box(face), face[list(_EYES), :2])
+        for place, eyes in self.detect(pixels)[: self.most]:
+            face = self._mesh_in(pixels, place, eyes)
+            face = None if face is None else self._mesh_in(pixels, place_of(face), face[list(_EYES), :2])
             if face is not None:
                 found.append(face)
         return found
@@ -64,14 +62,14 @@ class OpenCVMesh:
         side."""
         height, width = pixels.shape[:2]
         side = math.ceil(max(height, width) / _SQUARES)
-        places = [_place(box) for box, _ in self.detect(pixels)]
+        places = [place for place, _ in self.detect(pixels)]
         for y, x in product(_starts(height, side), _starts(width, side)):
             found = self.detect(np.ascontiguousarray(pixels[y : y + side, x : x + side]))
-            places += [_place(box + np.array([[x, y], [0, 0]])) for box, _ in found]
+            places += [(centre + np.array([x, y]), size) for (centre, size), _ in found]
         return places
 
-    def detect(self, pixels: Pixels) -> list[tuple[Array, Array]]:
-        """Boxes (2, 2) of faces, corner and size, and their eyes (2, 2), right and left, in pixels; surest first."""
+    def detect(self, pixels: Pixels) -> list[tuple[Place, Array]]:
+        """Where faces are, and their eyes (2, 2), right and left, in pixels; surest first."""
         size, side = np.array(pixels.shape[1::-1]), max(pixels.shape[:2])
         shrunk = np.maximum(np.rint(_DETECTOR_PX * size / side).astype(int), 1)
         corner = (_DETECTOR_PX - shrunk) // 2
@@ -84,24 +82,21 @@ class OpenCVMesh:
         told, scale = boxes.reshape(-1, 8, 2), size / shrunk
         sizes = scale * told[:, 1]
         points = scale * (np.delete(told, 1, axis=1) + self.cells[:, None] - corner)
-        found = np.stack([points[:, 0] - 0.5 * sizes, sizes], axis=1)
+        found = np.column_stack([points[:, 0] - 0.5 * sizes, sizes])
         score = 1 / (1 + np.exp(-np.clip(scores.ravel(), -50, 50)))
-        kept = cv2.dnn.NMSBoxes(found.reshape(-1, 4).tolist(), score.tolist(), _LEAST_SCORE, _MOST_OVERLAP)
-        return [(found[k], points[k, 1:3]) for k in np.ravel(kept).astype(int)]
+        kept = cv2.dnn.NMSBoxes(found.tolist(), score.tolist(), _LEAST_SCORE, _MOST_OVERLAP)
+        return [((points[k, 0], float(sizes[k].max())), points[k, 1:3]) for k in np.ravel(kept).astype(int)]
 
-    def _mesh_in(self, pixels: Pixels, box: Array, eyes: Array) -> Array | None:
-        """Points (468, 3) of a face in a box (2, 2) with eyes (2, 2); None where there is none."""
-        side = _MARGIN * float(box[1].max())
-        (x, y), centre = eyes[1] - eyes[0], box[0] + 0.5 * box[1]
-        A = cv2.getRotationMatrix2D(centre.tolist(), math.degrees(math.atan2(y, x)), _MESH_PX / max(side, 1e-6))
-        A[:, 2] += 0.5 * _MESH_PX - centre
+    def _mesh_in(self, pixels: Pixels, place: Place, eyes: Array) -> Array | None:
+        """Points (468, 3) of a face at a place with eyes (2, 2); None where there is none."""
+        (centre, size), (x, y) = place, eyes[1] - eyes[0]
+        turn_deg, scale = math.degrees(math.atan2(y, x)), _MESH_PX / max(_MARGIN * size, 1e-6)
+        A = crop_matrix(centre, turn_deg, scale, 0.5 * _MESH_PX)
         upright = cv2.warpAffine(pixels, A, (_MESH_PX, _MESH_PX), flags=cv2.INTER_LINEAR)
         points, score = sorted(_run(self.mesh, upright / np.float32(255)), key=np.size, reverse=True)
         if score.item() < 0:  # a logit
             return None
-        points = points.reshape(-1, 3)
-        back = cv2.invertAffineTransform(A)
-        return np.column_stack([points[:, :2] @ back[:, :2].T + back[:, 2], points[:, 2] * side / _MESH_PX])
+        return uncrop(points.reshape(-1, 3), A)
 
 
 def _starts(length: int, side: int) -> list[int]:
@@ -110,14 +105,19 @@ def _starts(length: int, side: int) -> list[int]:
     return [round(start) for start in np.linspace(0, max(length - side, 0), count).tolist()]
 
 
-def _place(box: Array) -> Place:
-    return box[0] + 0.5 * box[1], float(box[1].max())
+def crop_matrix(centre: Array, turn_deg: float, scale: float, middle: float) -> Array:
+    """(2, 3) from an image to a square in which its part about a centre (2,) is turned and scaled; middle: where that
+    comes to lie, along both sides."""
+    A = cv2.getRotationMatrix2D((float(centre[0]), float(centre[1])), turn_deg, scale)
+    A[:, 2] += middle - centre
+    return np.asarray(A, dtype=float)
 
 
-def _box(face: Array) -> Array:
-    """Corner and size (2, 2) of a face with points (n, 3)."""
-    low, high = face[:, :2].min(axis=0), face[:, :2].max(axis=0)
-    return np.array([low, high - low])
+def uncrop(points: Array, A: Array) -> Array:
+    """Points (n, 3) in the image, the third a depth, of those in a square that `crop_matrix` leads to."""
+    inverse = cv2.invertAffineTransform(A)
+    scale = float(np.sqrt(abs(np.linalg.det(A[:, :2]))))
+    return np.column_stack([points[:, :2] @ inverse[:, :2].T + inverse[:, 2], points[:, 2] / scale])
 
 
 def _middles(cells: int) -> Array:
@@ -130,7 +130,7 @@ def _read(name: str) -> Any:
     return cv2.dnn.readNetFromTFLite(np.frombuffer((files("mien") / "data" / f"{name}.tflite").read_bytes(), np.uint8))
 
 
-def _run(network: Any, image: _Image) -> list[Array]:
+def _run(network: Any, image: NDArray[np.float32]) -> list[Array]:
     """What a network says of an image (H, W, 3)."""
     network.setInput(np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32))
     return [np.asarray(answer, dtype=float) for answer in network.forward(network.getUnconnectedOutLayersNames())]

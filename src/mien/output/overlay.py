@@ -111,13 +111,12 @@ class OverlayWriter:
         self._last_pts, self._start = -1, 0.0
         with named_errors(self.path):
             self._beside = temporary_beside(path)
-        try:
-            with named_errors(self.path):
+            try:
                 self._container = av.open(str(self._beside), "w", format="mp4")
-            self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
-        except BaseException:
-            self._beside.unlink()
-            raise
+                self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
+            except BaseException:
+                self._beside.unlink()
+                raise
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.time_base = TIME_BASE
 
