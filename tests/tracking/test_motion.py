@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-import cv2
 import numpy as np
 import pytest
 
@@ -76,123 +75,11 @@ def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_f
     assert _error_deg(tracker, found) < 0.6
 
 
-def test_patches_agree_that_have_long_been_the_same(tracker: RealtimeTracker) -> None:
-    """Sixty frames of the same picture, then one of noise: what came before the face has to stay as long again."""
-    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
-    person, weight = tracker.person.arrays, np.ones(len(tracker.person.neutral))
-    noise = np.random.default_rng(0).normal(128, 40, view.image.shape).astype(np.float32)
-    motion = Motion(tracker.face.patches, tracker.settings)
-    for _ in range(60):
-        motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
-    assert motion.agreement.min() > 0.9
-    motion.remember(noise, person, tracker.pose.arrays, view.geometry, weight)
-    assert motion.agreement.max() < 0.7
-    for _ in range(20):
-        motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
-    assert motion.agreement.max() < 0.9
-
-
-def test_a_picture_that_dissolves_into_another_is_the_same_from_frame_to_frame_and_not_after_a_while(
-    tracker: RealtimeTracker,
-) -> None:
-    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
-    other = np.random.default_rng(0).normal(0, 40, view.image.shape)
-    other = cv2.GaussianBlur(other.astype(np.float32), (0, 0), 2) * 6 + 128
-    person, weight = tracker.person.arrays, np.ones(len(tracker.person.neutral))
-    motion, agreements = Motion(tracker.face.patches, tracker.settings), []
-    for share in np.clip(np.arange(50) / 20 - 1, 0, 1).astype(np.float32):
-        image = (1 - share) * view.image + share * other
-        agreements.append(motion.remember(image, person, tracker.pose.arrays, view.geometry, weight))
-    last, later = np.array(agreements[1:]).T
-    assert last.min() > 0.9
-    assert later[:20].min() > 0.99
-    assert later.min() < 0.6
-    assert later[-1] > 0.95  # the other picture, which stays
-
-
-def test_a_face_that_was_hidden_is_known_again_where_it_looks_as_before(tracker: RealtimeTracker) -> None:
-    """However long something else was there; and once, so that a later doubt is another one."""
-    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
-    other = np.random.default_rng(0).normal(0, 40, view.image.shape).astype(np.float32)
-    other = cv2.GaussianBlur(other, (0, 0), 2) * 6 + 128
-    person, weight = tracker.person.arrays, np.ones(len(tracker.person.neutral))
-    motion = Motion(tracker.face.patches, tracker.settings)
-
-    def again(*images: Array) -> list[bool]:
-        found = []
-        for image in images:
-            motion.remember(image.astype(np.float32), person, tracker.pose.arrays, view.geometry, weight)
-            found.append(motion.is_again(0.85))
-        return found
-
-    assert again(*[view.image] * 13) == [False] * 13  # nothing is kept
-    assert again(other) == [False]
-    motion.keep()
-    assert again(*[other] * 40, 0.5 * view.image + 0.5 * other) == [False] * 41
-    assert again(view.image, view.image) == [True, False]
-
-
-@pytest.mark.parametrize(("surroundings", "known"), [(1.0, True), (0.5, False)])
-def test_a_known_face_is_known_again_after_a_single_frame_of_something_else(
-    surroundings: float, known: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Unless its surroundings have changed. It does not look as in the first frame, so that familiarity cannot tell."""
-    tracker = RealtimeTracker()
-    first = two_frames().frames[0]
-    tracker.initialize(first, face().landmarks, face().camera)
-    monkeypatch.setattr("mien.tracking.realtime.familiarity", lambda *of: 0.0)
-    for _ in range(14):
-        tracker.track(first)
-    before = tracker.known
-    with monkeypatch.context() as doubt:
-        doubt.setattr("mien.tracking.realtime.is_same", lambda *of, surroundings: False)
-        doubt.setattr(tracker, "_surroundings", lambda frame: surroundings)
-        tracker.track(first)
-    doubted = tracker.known
-    tracker.track(first)
-    assert before > 0.9
-    assert doubted == 0
-    assert (tracker.known > 0.9) is known
-
-
-def test_what_looks_strange_everywhere_is_compared_everywhere(tracker: RealtimeTracker) -> None:
-    """Weights of nothing but strange landmarks say that they can be seen, no more."""
-    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
-    person, strange = tracker.person.arrays, np.full(len(tracker.person.neutral), 0.01)
-    motion = Motion(tracker.face.patches, tracker.settings)
-    found = [motion.remember(view.image, person, tracker.pose.arrays, view.geometry, strange) for _ in range(2)]
-    np.testing.assert_allclose(found, [(0, 0), (1, 1)], atol=1e-4)
-    hidden = motion.remember(view.image, person, tracker.pose.arrays, view.geometry, 0 * strange)
-    assert motion.remember(view.image, person, tracker.pose.arrays, view.geometry, 0 * strange)[0] == 0
-    assert hidden[0] == pytest.approx(1)  # they were seen in the frame before
-
-
-def test_patches_that_are_alike_on_all_faces_do_not_say_whose_this_is(tracker: RealtimeTracker) -> None:
-    """Two thirds of them stay as they are, the others become noise."""
-    view = tracker._look(tracker.face.fine, two_frames().frames[0], tracker.pose)
-    noise = np.random.default_rng(0).normal(128, 40, view.image.shape).astype(np.float32)
-    n = len(tracker.person.neutral)
-    person, weight, alike = tracker.person.arrays, np.ones(n), np.arange(n) % 3 > 0
-    found = []
-    for motion in (
-        Motion(tracker.face.patches, tracker.settings, alike),
-        Motion(tracker.face.patches, tracker.settings),
-    ):
-        motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)
-        patches, norms, seen = motion.seen[0]
-        motion.remember(noise, person, tracker.pose.arrays, view.geometry, weight)
-        noisy, noisy_norms, _ = motion.seen[-1]
-        motion.seen[-1] = np.where(alike[:, None], patches, noisy), np.where(alike, norms, noisy_norms), seen
-        found.append(motion.remember(view.image, person, tracker.pose.arrays, view.geometry, weight)[0])
-    assert found[0] < 0.5
-    assert found[1] > 0.99
-
-
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
     person, prior = tracker.person.arrays, tracker._prior(tracker._stay())
     motion = Motion(tracker.face.patches, tracker.settings)
-    motion.remember(view.image, person, tracker.pose.arrays, view.geometry, np.zeros(len(tracker.person.neutral)))
+    motion.remember(view.image, person, tracker.pose.arrays, view.geometry)
     (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
     np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
     np.testing.assert_allclose(t, tracker.pose.t, atol=1e-9)

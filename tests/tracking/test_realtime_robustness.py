@@ -125,7 +125,7 @@ def _known(agreement: float | None, monkeypatch: pytest.MonkeyPatch) -> list[flo
                 tracker.track(frame)
         else:
             tracker.track(frame)
-        known.append(tracker.known)
+        known.append(tracker.identity.probability)
     assert min(known[:12]) > 0.99
     return known[12:]
 

@@ -228,7 +228,7 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
     mouth = tracker.person.mouth
     assert (tracker.motion.weight[mouth] > 0.9).all()
     assert (tracker.motion.weight[~mouth] < 0.1).all()
-    *_, says_whose_face_it_is = tracker.motion.seen[-1]
+    *_, says_whose_face_it_is = tracker.identity.patches.frames[-1]
     assert (says_whose_face_it_is < 0.1).all()
     tracker._remember(frame, view, replace(strange, d2=np.full_like(found.d2, 1000.0)))
     assert (tracker.motion.weight < 0.1).all()

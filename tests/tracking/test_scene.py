@@ -79,14 +79,14 @@ def test_the_surroundings_of_the_face_that_is_tracked() -> None:
     run(tracker, truth)
     last = truth.frames[-1]
     assert tracker._surroundings(last) > 0.8
-    tracker.scene.remember(Frame(np.rot90(last.pixels, 2), last.index))
+    tracker.identity.scene.remember(Frame(np.rot90(last.pixels, 2), last.index))
     assert tracker._surroundings(last) < 0.8
 
 
 def test_a_cut_after_the_first_frame_is_another_scene() -> None:
     truth, tracker = small_motion(), RealtimeTracker()
     tracker.initialize(truth.frames[0], face().landmarks, face().camera)
-    tracker.scene.remember(Frame(np.rot90(truth.frames[1].pixels, 2), 1))
+    tracker.identity.scene.remember(Frame(np.rot90(truth.frames[1].pixels, 2), 1))
     assert tracker._surroundings(truth.frames[1]) < 0.8
 
 

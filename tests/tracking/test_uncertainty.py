@@ -8,6 +8,7 @@ from hypothesis import given
 
 from mien.appearance.views import rotation
 from mien.geometry.rotation import FACING, Array, exp, log
+from mien.tracking.identity import familiarity
 from mien.tracking.uncertainty import (
     ACROSS_SD,
     ACROSS_TURNED_SD,
@@ -19,10 +20,7 @@ from mien.tracking.uncertainty import (
     TURNED_SCALE,
     Reference,
     confidence,
-    familiarity,
-    is_same,
     state_covariance,
-    still_known,
     systematic_covariance,
     visibility,
 )
@@ -146,33 +144,3 @@ def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
     np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
     assert confidence(1e-5 * np.eye(12), 0.1, grimace, 1.0) < 0.05  # hardly anything is seen
     assert confidence(1e-5 * np.eye(12), 1.0, FAMILIAR, 1.0) > 0.99
-
-
-def test_it_is_soon_known_whose_face_it_is_and_doubted_later() -> None:
-    known = [0.0]
-    for familiar in [1.0] * 30 + [0.0] * 100:
-        known.append(still_known(known[-1], familiar, same=True))
-    assert known[10] == pytest.approx(1 - 0.9**10)
-    assert known[-1] == pytest.approx(known[30] * 0.998**100)
-    assert known[45] > 0.9  # a grimace of half a second changes little
-    assert still_known(1.0, 1.0, same=False) == 0
-
-
-@pytest.mark.parametrize(
-    ("familiar", "agreement", "later", "surroundings", "same"),
-    [
-        (1.0, 0.95, 0.4, 0.0, True),  # it looks like itself
-        (1.0, 0.8, 1.0, 0.0, False),  # a cut
-        (1.0, 0.8, 1.0, 0.9, True),  # a blurred frame
-        (1.0, 0.6, 1.0, 1.0, False),  # another face in the same room
-        (0.0, 0.95, 0.9, 0.0, True),  # a head that turns before a moving background
-        (0.0, 0.95, 0.7, 0.0, False),  # a picture that dissolves into another one
-        (0.0, 0.95, 0.8, 0.9, True),  # a hand before the face
-        (0.0, 0.95, 0.7, 0.9, False),  # a turn in a jump
-        (0.0, 0.95, 0.5, 1.0, False),  # a picture that dissolves into another one of the same room
-    ],
-)
-def test_whether_a_face_is_the_same(
-    familiar: float, agreement: float, later: float, surroundings: float, same: bool
-) -> None:
-    assert is_same(familiar, agreement, later, lambda: surroundings) == same

@@ -19,7 +19,7 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
-from mien.tracking import definite, eyes, kernels, learning, motion, person, shape, uncertainty
+from mien.tracking import definite, eyes, kernels, learning, motion, patch_history, person, shape, uncertainty
 
 _SOURCE = Path(kernels.__file__)
 _PATIENCE_S = 120
@@ -67,7 +67,7 @@ MISPLACED: Kernel = kernels.misplaced, (_array(2), _array(3), _array(1))
 MISPLACEMENT: Kernel = kernels.misplacement, (_array(3), _array(2), types.float64)
 FIRM: Kernel = kernels.firm, (*[_array(1)] * 3, types.float64)
 SHAPE: Kernel = shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))
-AGREEMENT: Kernel = motion._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))
+AGREEMENT: Kernel = patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))
 NEAREST: Kernel = learning._nearest, (_array(1), types.float64)
 BETWEEN: Kernel = learning._between, (_single(3), _array(2), _array(1))
 INVERSE: Kernel = definite._inverse, (_array(2),)

@@ -14,7 +14,6 @@ and contrast of each patch left free.
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -30,27 +29,18 @@ from mien.tracking.kernels import (
     add_prior,
     differentiate,
     in_crop,
-    insert,
     landmark,
     lens_of,
     rotate,
     rotated,
     solve_positive,
 )
-from mien.tracking.state import Mask
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 MOUTH_UNITS = [k for k, unit in enumerate(TRACKED_UNITS) if "brow" not in unit]
 """Units that move the mouth."""
 _RIGID = 6
 """Numbers of a pose step that turn and move the head, before those of the animation."""
-_OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
-"""Weight above which a landmark is the face's, and how many such landmarks say that it is the same as before."""
-_AGREEMENT_RATE = 0.05
-"""How fast a patch's agreement rises, by frame: one that was covered has to move with the face for 45 of them."""
-LOOK_BACK, _LASTING = 12, 4
-"""Frames after which a patch is compared with itself once more, as one picture may dissolve into another's, alike from
-frame to frame; and for how many it has to look different, so that a quick grimace does not count."""
 _LEAST_GREY = 1.0
 """Grey values: patches that agree better than this agree by chance."""
 
@@ -58,13 +48,11 @@ _LEAST_GREY = 1.0
 class Motion:
     """The patches around the landmarks as the last frame showed them.
 
-    weight: (n,) how far each counts when motion is measured; agreement: (n,) correlation of each patch from frame to
-    frame, the mean of the last ones or the last one, if lower; seen: of the last frames what `_agreement` compares.
+    weight: (n,) how far each counts when motion is measured.
     """
 
-    def __init__(self, patches: Array, settings: RealtimeSettings, alike: Mask | None = None) -> None:
-        """patches: (n, m, 3) points around each landmark, relative to it, head axes; alike: (n,) those that do not tell
-        one face from another, none unless given."""
+    def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
+        """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
         self.settings = settings
         self.patches = np.ascontiguousarray(np.swapaxes(patches, 1, 2))  # by coordinate: read several points at a time
         floor = np.repeat(
@@ -73,54 +61,17 @@ class Motion:
         )
         floor[6 + JAW_DROP] = settings.prior_jaw  # a mouth that opens shows what the last frame did not
         self.least_drift = floor**2
-        self.telling = np.ones(len(patches)) if alike is None else 1.0 - alike
-        self.template: tuple[Array, ...] | None = None
+        self.template: tuple[Any, ...] | None = None
         self.weight = np.zeros(len(patches))
-        self.agreement = np.ones(len(patches))
-        self.seen: deque[tuple[Array, ...]] = deque(maxlen=LOOK_BACK + 1)
-        self.later: deque[float] = deque(maxlen=_LASTING)
-        self.kept: tuple[Array, ...] | None = None
 
     def remember(
-        self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array],
-        view: tuple[Array, ...], weight: Array,
-    ) -> tuple[float, float]:  # fmt: skip
-        """Take the patches from a crop in which the face is at a pose (R, t, animation).
-
-        person: neutral landmarks and animation units; view: as `kernels.solve`'s; weight: (n,) in [0, 1], how far
-        each landmark is the face's and not something's before it, 0 where it cannot be seen. Returns the median
-        correlations of the patches with those that were the face's in the frame before, and the highest of the last
-        four frames' with those that were it 12 frames ago and still are; 0 where hardly any can be seen.
-        """
+        self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array], view: tuple[Array, ...]
+    ) -> tuple[Float32, Array]:
+        """Take the patches from a crop in which the face is at a pose (R, t, animation); returns their values (n, m)
+        less their mean, and norms (n,). person: neutral landmarks and animation units; view: as `kernels.solve`'s."""
         self.template = take_patches(image, person, self.patches, pose, view)
-        values, norms = self.template[:2]
-        self.weight = weight
-        self.seen.append((values, norms, weight))
-        if len(self.seen) == 1:
-            return 0.0, 0.0
-        earlier, last, now = self.seen[0], self.seen[-2], self.seen[-1]
-        correlation, lately = _agreement(last, now, self.telling, last[2])
-        self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
-        np.minimum(self.agreement, correlation, out=self.agreement)
-        self.later.append(_agreement(earlier, now, self.telling, weight)[1])
-        return lately, max(self.later)
-
-    def disregard(self, landmarks: Mask) -> None:
-        """Take these landmarks (n,) of the last frame for something else's."""
-        self.weight[landmarks] = self.seen[-1][2][landmarks] = 0
-
-    def keep(self, wanted: bool = True) -> None:
-        """Keep the patches of 12 frames ago, before something came between; or, unless they are wanted, none."""
-        self.kept = self.seen[0] if wanted else None
-
-    def is_again(self, least: float) -> bool:
-        """Whether the face shows the patches that were kept, by their median correlation; once."""
-        if self.kept is None:
-            return False
-        again: bool = _agreement(self.kept, self.seen[-1], self.telling, self.seen[-1][2])[1] > least
-        if again:
-            self.kept = None
-        return again
+        values: Float32 = self.template[0]
+        return values, self.template[1]
 
     def measure(
         self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]
@@ -140,36 +91,6 @@ class Motion:
         turned, moved = math.hypot(*s[:3]), math.hypot(*s[3:6])
         length = np.array([turned, turned, turned, moved, moved, moved, *s[6:]])
         return np.asarray(self.least_drift + self.settings.motion_share**2 * length * length)
-
-
-@kernel()
-def _agreement(before: Any, now: Any, telling: Any, weight: Any) -> Any:
-    """Correlations (n,) of patches with earlier ones, and the median of those that tell a face from another (n,).
-
-    before, now: values (n, m) less their mean, norms (n,), and how far each patch is the face's (n,); weight: (n,) the
-    same of now, as far as it matters. Where hardly one is the face's, the whole face may look strange, and all count
-    that can be seen; 0 where these are too few.
-    """
-    earlier, earlier_norms, earlier_weight = before
-    values, norms, _ = now
-    n, m = values.shape
-    correlation, face, seen = np.empty(n), np.empty(n), np.empty(n)
-    of_face, of_seen = 0, 0
-    for i in range(n):
-        product = np.float32(0.0)
-        for j in range(m):
-            product += earlier[i, j] * values[i, j]
-        correlation[i] = product / (max(earlier_norms[i], 1e-3) * max(norms[i], 1e-3))
-        known = telling[i] * min(earlier_weight[i], weight[i])
-        if known > 0.0:
-            insert(correlation[i], seen, of_seen)
-            of_seen += 1
-        if known > _OF_THE_FACE:
-            insert(correlation[i], face, of_face)
-            of_face += 1
-    ordered, count = (face, of_face) if of_face >= _LEAST_PATCHES else (seen, of_seen)
-    median = 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2]) if count >= _LEAST_PATCHES else 0.0
-    return correlation, median
 
 
 @kernel()

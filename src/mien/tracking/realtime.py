@@ -21,25 +21,19 @@ from mien.tracking import kernels
 from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
 from mien.tracking.first_run import CompiledBeside
+from mien.tracking.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.learning import Level
-from mien.tracking.motion import JAW_DROP, LOOK_BACK, MOUTH_UNITS, Motion
+from mien.tracking.motion import JAW_DROP, MOUTH_UNITS, Motion
 from mien.tracking.person import JAW, TRUSTED, Person
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
-from mien.tracking.scene import Scene
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.tracking.uncertainty import (
-    FAMILIAR,
-    SAME_LATER,
     confidence,
-    familiarity,
     frame_variance,
-    is_same,
-    may_be_hidden,
     state_covariance,
-    still_known,
     turn_squared,
     visibility,
 )
@@ -49,14 +43,10 @@ _LIDS = np.array(
 )
 """Upper and lower ones."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
-_KNOWN = 0.5
-"""What `still_known` says of a face from which is learned how it looks when it has turned, and only where it is the
-same as twelve frames ago: in a jump, or a picture that dissolves, something else would be learned."""
 _FACE_RADIUS = 1.3
 """CANDIDE units around the face that are not its surroundings."""
-_DOUBTED, _BETTER = 0.1, 0.8
-"""What `still_known` says of a face below which it may be another one, and the share of its misfit below which a face
-elsewhere is preferred."""
+_BETTER = 0.8
+"""Share of the misfit of a face whose identity is doubted below which a face elsewhere is preferred."""
 
 
 class RealtimeTracker:
@@ -98,12 +88,11 @@ class RealtimeTracker:
         self.rest_information[MOUTH_UNITS], self.rest_firmness[MOUTH_UNITS] = s.rest_mouth**-2, s.rest_mouth_firmness
         self.rest_firmness[JAW_DROP] = s.rest_jaw_firmness
         self.velocity = np.zeros(12)
-        self.motion = Motion(self.face.patches, s, self.person.plain)
-        self.scene = Scene(LOOK_BACK)
+        self.motion = Motion(self.face.patches, s)
+        self.identity = Identity(1.0 - self.person.plain)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = self.doubted_frames = 0
-        self.known = self.known_then = 1.0
         self.axes = self._axes()
         settled = self._settle(frame)
         self.axes = self._axes()
@@ -165,26 +154,20 @@ class RealtimeTracker:
         self.pose, self.lost_frames = solution.pose, 0
         familiar = familiarity(solution.telling, self.pose.R, self.axes.first.R)
         if familiar > FAMILIAR and not self._unlike(solution):
-            self.person.learn(solution, self.motion.agreement)
+            self.person.learn(solution, self.identity.patches.agreement)
             self.axes.learn(self.person.shape)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         agreements = self._remember(frame, view, solution)
-        same = is_same(familiar, *agreements, surroundings=lambda: self._surroundings(frame))
-        if not same and self.known > _KNOWN:
-            self.known_then = self.known
-            self.motion.keep(may_be_hidden(agreements[0], self._surroundings(frame)))
-        elif self.known < _KNOWN and self.motion.is_again(SAME_LATER):
-            self.known = self.known_then
-        self.known = still_known(self.known, familiar, same)
-        if self.known > _KNOWN and status is Status.TRACKED and self.motion.later[-1] > SAME_LATER:
-            self.person.learn_view(solution, self.motion.agreement)
+        self.identity.update(familiar, agreements, lambda: self._surroundings(frame))
+        if status is Status.TRACKED and self.identity.is_steady:
+            self.person.learn_view(solution, self.identity.patches.agreement)
         return self._estimate(frame, status, solution, familiar)
 
     def _surroundings(self, frame: Frame) -> float:
         """How the surroundings of the face agree with those of twelve frames ago."""
         radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
-        return self.scene.correlation(frame, self.camera.project(self.pose.t)[0], radius)
+        return self.identity.scene.correlation(frame, self.camera.project(self.pose.t)[0], radius)
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
         """Stay where the face was seen last, and say why it is lost."""
@@ -196,7 +179,7 @@ class RealtimeTracker:
 
     def _doubt(self, solution: Solution) -> bool:
         """Whether to look if the face is somewhere else: from time to time while nothing says that this is it."""
-        doubtful = self.known < _DOUBTED and self._unlike(solution)
+        doubtful = self.identity.is_doubted and self._unlike(solution)
         self.doubted_frames = self.doubted_frames + 1 if doubtful else 0
         return doubtful and self.doubted_frames % self.settings.doubt_interval == 0
 
@@ -284,19 +267,21 @@ class RealtimeTracker:
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Keep what the next frame's motion is measured from, and what surrounds it; returns how well the patches agree
         with the last frame's, and with those of some frames ago."""
-        self.scene.remember(frame)
+        self.identity.scene.remember(frame)
         self.spread = solution.spread
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
-        agreements = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry, seen)
+        patches = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry)
+        agreements = self.identity.patches.add(*patches, seen)
         mouth = self.person.mouth
-        self.visible = visibility(solution.d2, solution.facing, self.motion.agreement, mouth)
+        self.visible = visibility(solution.d2, solution.facing, self.identity.patches.agreement, mouth)
         # A mouth that moves soon looks like nothing that is known of it: its patches say how it moves while it is seen.
         self.motion.weight = np.maximum(seen, mouth * self.visible)
         return agreements
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
         """The view with the eyes hidden, the best solution in it, and the motion that the rest of the face shows."""
-        self.motion.disregard(self.person.eyes)
+        self.motion.weight[self.person.eyes] = 0
+        self.identity.patches.disregard(self.person.eyes)
         view = replace(view, facing=view.facing & ~self.person.eyes)
         moved = self._move(view, predicted)
         return view, self._solve(view, moved.pose, moved), moved
@@ -403,7 +388,7 @@ class RealtimeTracker:
         covariance = state_covariance(
             solution.spread, solution.d2[seen], share, self.pose.R, self.axes.first, relief_sd, learned
         )
-        sure = confidence(covariance, share, familiar, self.known)
+        sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(
             frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t, self.pose.animation,
             covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,

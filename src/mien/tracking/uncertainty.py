@@ -11,7 +11,6 @@ the coverage and the reliability that result, and the command.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,6 +19,7 @@ import numpy as np
 
 from mien.compiled import kernel
 from mien.geometry.rotation import Array, ray_rotation
+from mien.tracking.identity import logistic
 from mien.tracking.state import Mask
 
 NOISE_SCALE = 0.165
@@ -49,28 +49,9 @@ sizes before the face, and begun with a turned head, a wrong rotation counting t
 _HARDLY_SEEN = (0.2, 0.03)
 """Share of the landmarks that is seen below which nothing is believed, and the width of the step: with less a face is
 mostly lost, so that no error could be measured."""
-_STRANGER = (43.0, 3.0, 2.5)
-"""Squared distance that even the best quarter of the landmarks of another person exceeds, its growth by radian of
-turn, and the width of the step: between strangers and the same face of three subjects."""
-
 _VISIBLE, _VISIBLE_MOUTH = (21.8, -4.9, 3.5), 1.8
 """Bias, and weights of the logarithm of a landmark's squared distance and of the agreement of its patch, and what is
 added for a mouth, whose look changes as it moves: fitted to recordings and drawn heads, with boards before them."""
-
-FAMILIAR = 0.5
-"""What `familiarity` says of a face above which it looks like that of the first frame."""
-_SAME, _ANOTHER = 0.9, 0.7
-"""Correlation of a face's patches from one frame to the next above which it is the same face, and below which another
-one: mostly it is 0.99, in one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
-SAME_LATER, _ANOTHER_LATER = 0.85, 0.75
-"""The same over twelve frames, where the face does not look like that of the first frame: of recordings nearly all such
-frames have more than the first, on the way into another's picture hardly any face has."""
-_SAME_SCENE = 0.8
-"""The same of what surrounds the face, over twelve frames, which has to tell in between: a blurred frame or a hand
-before the face leaves it as it was, another picture does not."""
-_RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
-"""How fast it becomes known, and doubtful, whose face it is, by frame: a stranger looks familiar now and then, and what
-is the same patch by patch may have come slowly."""
 _STILL_KNOWN = 0.9
 """How probable it is that a face that no longer looks like that of the first frame is it, when it is the same as in the
 frame before: about how often the rotation is right then, over what its covariance says."""
@@ -182,8 +163,8 @@ def confidence(covariance: Array, seen: float, familiar: float, known: float = 0
     bias, by_spread = _CONFIDENCE
     least, width = _HARDLY_SEEN
     spread = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
-    right = _logistic(bias + by_spread * math.log(spread))
-    return right * _logistic((seen - least) / width) * max(familiar, _STILL_KNOWN * known)
+    right = logistic(bias + by_spread * math.log(spread))
+    return right * logistic((seen - least) / width) * max(familiar, _STILL_KNOWN * known)
 
 
 def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
@@ -198,41 +179,3 @@ def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
     strange = by_distance * np.log(np.maximum(d2, 1.0))
     evidence = bias + strange + by_agreement * agreement + _VISIBLE_MOUTH * mouth
     return np.asarray(facing / (1 + np.exp(-evidence)))
-
-
-def familiarity(d2: Array, R: Array, R_first: Array) -> float:
-    """Probability that this is the face of the first frame, from the squared distances d2 (n,) of the landmarks that
-    face the camera."""
-    if not len(d2):
-        return 0.0
-    stranger, by_turn, width = _STRANGER
-    turn = math.acos(min(max(float(R[:, 2] @ R_first[:, 2]), -1.0), 1.0))
-    best_quarter = sorted(d2.tolist())[len(d2) // 4]
-    return _logistic((stranger + by_turn * turn - best_quarter) / width)
-
-
-def is_same(familiar: float, agreement: float, agreement_later: float, surroundings: Callable[[], float]) -> bool:
-    """Whether a face is the one of the frame before, from its familiarity and the agreement of its patches with those
-    of the last frame, and with those of some frames before; surroundings: gives the same of what surrounds it."""
-    later = agreement_later if familiar < FAMILIAR else 1.0
-    if agreement <= _ANOTHER or later <= _ANOTHER_LATER:
-        return False
-    return (agreement > _SAME and later > SAME_LATER) or surroundings() > _SAME_SCENE
-
-
-def may_be_hidden(agreement: float, surroundings: float) -> bool:
-    """Whether a face that is no longer the same, as of `is_same`, may be behind a hand, and known again when that has
-    gone: nothing has jumped since the frame before, as it does in a cut, and the surroundings are as they were."""
-    return agreement > _SAME and surroundings > _SAME_SCENE
-
-
-def still_known(known: float, familiar: float, same: bool) -> float:
-    """Probability that it is known whose face this is, from that of the last frame, its familiarity, and whether it is
-    the same face as there."""
-    if not same:
-        return 0.0
-    return known + (_RECOGNITION_RATE if familiar > known else _DOUBT_RATE) * (familiar - known)
-
-
-def _logistic(x: float) -> float:
-    return 1 / (1 + math.exp(-min(max(x, -30.0), 30.0)))
