@@ -35,9 +35,10 @@ from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
-from mien.tracking import learning, person
+from mien.tracking import learning, person, realtime
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Pose, Prediction, Solution, View
+from mien.tracking.solver import PoseSolver
 from mien.tracking.state import Estimate
 from mien.video import open_video
 
@@ -158,15 +159,21 @@ WITHOUT_TEMPLES = {name: vertex for name, vertex in person.TRACKED.items() if "t
 class Unmoved(RealtimeTracker):
     """The motion since the last frame is not measured: the prediction stays where velocity puts it."""
 
-    def _move(self, view: View, predicted: Prediction) -> Prediction:
+    def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
         return predicted
 
 
-class UprightInTheCrop(RealtimeTracker):
-    """Descriptors keep the direction and the size of the crop that they are read from."""
+class _UprightInTheCrop(PoseSolver):
+    def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
+        return super().solve(view.upright_at(view.pose), start, predicted)
 
-    def _solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
-        return super()._solve(view.upright_at(view.pose), start, predicted)
+
+class UprightInTheCrop(RealtimeTracker):
+    """Descriptors keep the orientation and the scale of the crop that they are sampled from."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        with patch.object(realtime, "PoseSolver", _UprightInTheCrop):
+            return super().initialize(frame, landmarks, camera)
 
 
 def _set(**settings: Any) -> Callable[[], RealtimeTracker]:

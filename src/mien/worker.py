@@ -22,7 +22,7 @@ import_pandas()
 for _solution in (("face_mesh", "FaceMesh"), ("face_detection", "FaceDetection")):
     with suppress(ImportError):
         import_solution(*_solution)
-first_run.read_kept()
+first_run.load_cached()
 
 
 def run(*arguments: str) -> None:

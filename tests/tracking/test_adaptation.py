@@ -120,7 +120,7 @@ def test_eyes_behind_reflections_are_seen_again() -> None:
     assert seen_without[later].mean() < 0.75
     assert seen[later].mean() > 0.9
     assert error[later].mean() < 1.15 * error_without[later].mean()
-    assert tracker.person.strangeness > SPECTACLES
+    assert tracker.person.spectacles_evidence > SPECTACLES
 
 
 def test_a_face_that_looks_as_it_should_is_left_alone() -> None:
@@ -128,7 +128,7 @@ def test_a_face_that_looks_as_it_should_is_left_alone() -> None:
     _, error_without, _ = _run(_turning(), forgetting=0)
     assert not tracker.person.adaptation.slope.reshape(2, -1, 128)[:, OTHERS].any()
     assert error.mean() == pytest.approx(error_without.mean(), abs=0.05)
-    assert tracker.person.strangeness < SPECTACLES
+    assert tracker.person.spectacles_evidence < SPECTACLES
 
 
 def test_what_passes_before_the_face_is_not_learned() -> None:

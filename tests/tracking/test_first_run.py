@@ -17,17 +17,17 @@ from mien.tracking import first_run, kernels
 from mien.tracking.realtime import RealtimeTracker
 from small_motion import run, small_motion
 
-assert not first_run._is_kept()
+assert not first_run._is_cached()
 estimates = run(RealtimeTracker(), small_motion())
 assert all(e.status.success for e in estimates)
-assert first_run._is_kept()
-for kernel, arguments in (*first_run._BESIDE, *first_run._HERE):
+assert first_run._is_cached()
+for kernel, arguments in (*first_run._IN_BACKGROUND, *first_run._IN_FOREGROUND):
     assert kernel.signatures == [arguments], kernel
 print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """
 
 
-@pytest.mark.skipif(first_run._processors() < 2, reason="nothing is compiled beside on one processor")
+@pytest.mark.skipif(first_run._processors() < 2, reason="nothing is compiled in the background on one processor")
 def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
@@ -44,14 +44,14 @@ import os
 from mien.tracking import first_run, kernels
 
 first_run._compile(first_run.POLYNOMIAL)
-first_run._BESIDE = (first_run.POLYNOMIAL,)
+first_run._IN_BACKGROUND = (first_run.POLYNOMIAL,)
 first_run.SOLVE = first_run.POLYNOMIAL
 later = os.stat(kernels.__file__).st_mtime
 for index in first_run._indices():
     os.utime(index, (later - 1, later - 1))
-print(first_run._is_kept())
-first_run.compile_beside()
-print(first_run._is_kept())
+print(first_run._is_cached())
+first_run.compile_in_background()
+print(first_run._is_cached())
 """
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
@@ -60,7 +60,7 @@ print(first_run._is_kept())
 
 @pytest.fixture
 def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(first_run, "_is_kept", lambda: False)
+    monkeypatch.setattr(first_run, "_is_cached", lambda: False)
     monkeypatch.setattr(first_run, "_processors", lambda: 2)
 
 
@@ -68,7 +68,7 @@ def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("executable", ["", "/nowhere/python"])
 def test_without_another_python_nothing_is_lost(executable: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", executable)
-    compiled = first_run.CompiledBeside()
+    compiled = first_run.BackgroundCompilation()
     assert compiled.helper is None
     compiled.finish()
 
@@ -77,7 +77,7 @@ def test_without_another_python_nothing_is_lost(executable: str, monkeypatch: py
 def test_the_other_process_ends_with_its_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first_run, "_PROGRAM", "import time; time.sleep(60)")
     tracker = RealtimeTracker()
-    helper = tracker.compiled.helper
+    helper = tracker.compilation.helper
     assert helper is not None
     assert helper.poll() is None
     del tracker
@@ -89,9 +89,9 @@ def test_the_other_process_ends_with_this_one() -> None:
 from mien.tracking import first_run
 
 first_run._PROGRAM = "import time; time.sleep(60)"
-first_run._is_kept = lambda: False
+first_run._is_cached = lambda: False
 first_run._processors = lambda: 2
-compiled = first_run.CompiledBeside()
+compiled = first_run.BackgroundCompilation()
 print(compiled.helper.pid)
 raise KeyboardInterrupt
 """

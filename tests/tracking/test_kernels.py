@@ -53,7 +53,7 @@ def test_visible_faces_the_camera_inside_the_image(seed: int) -> None:
     X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
     inside = Camera(*CAMERA).in_image(X, 320, 240)
     towards = -(X * (normals @ R.T)).sum(axis=1) / np.linalg.norm(X, axis=1) > -0.1
-    seen = kernels.visible(X, normals, R, CAMERA, 320, 240, -0.1)
+    seen = kernels.facing_camera(X, normals, R, CAMERA, 320, 240, -0.1)
     np.testing.assert_array_equal(seen, inside & towards)
     assert 0 < inside.sum() < 200
     assert 0 < towards.sum() < 200
@@ -143,7 +143,7 @@ def test_small_linear_algebra() -> None:
 @given(rotations(), vectors(-1, 1))
 def test_the_ray_to_a_point_of_the_head(R: Array, point: Array) -> None:
     t = np.array([0.3, -0.2, 6.0])
-    np.testing.assert_allclose(kernels.ray_to(point, R, t), ray_rotation(R @ point + t), atol=1e-12)
+    np.testing.assert_allclose(kernels.viewing_ray(point, R, t), ray_rotation(R @ point + t), atol=1e-12)
 
 
 def test_a_step_between_poses_leads_from_one_to_the_other() -> None:
@@ -155,13 +155,15 @@ def test_a_step_between_poses_leads_from_one_to_the_other() -> None:
 def test_what_an_error_of_the_animation_does_to_the_landmarks() -> None:
     (_, units), a, variance = _random_person(6), _random_pose(6)[2], np.random.default_rng(6).uniform(size=(N, 4))
     moved = np.tensordot(a, units, axes=1)
-    found = kernels.misplaced(variance, units, a)
+    found = kernels.misplacement_variance(variance, units, a)
     np.testing.assert_allclose(found[:, :2], variance[:, :2] + (moved**2).sum(axis=1, keepdims=True))
     np.testing.assert_array_equal(found[:, 2:], variance[:, 2:])
 
 
 def test_rest_is_firmest_where_nothing_has_moved() -> None:
-    found = kernels.firm(np.array([1.0, 2.0, 1.0, 1.0]), np.array([0.0, 1.0, 1e6, 0.0]), np.array([8.0, 8, 8, 4]), 3.0)
+    found = kernels.student_information(
+        np.array([1.0, 2.0, 1.0, 1.0]), np.array([0.0, 1.0, 1e6, 0.0]), np.array([8.0, 8, 8, 4]), 3.0
+    )
     np.testing.assert_allclose(found, [27, 30, 3, 15])
 
 
@@ -170,7 +172,7 @@ def test_temper_against_the_dense_formula() -> None:
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     A = np.linalg.inv(M + np.diag(precision))
     M_new, g_new = M.copy(), g.copy()
-    assert kernels.temper(M_new, g_new, d2, 1 / precision) == pytest.approx(d2 - g @ A @ g)
+    assert kernels.marginalize_misplacement(M_new, g_new, d2, 1 / precision) == pytest.approx(d2 - g @ A @ g)
     np.testing.assert_allclose(M_new, M - M @ A @ M, atol=1e-9)
     np.testing.assert_allclose(g_new, g - M @ A @ g, atol=1e-9)
 
@@ -180,7 +182,7 @@ def test_temper_is_the_best_misplacement() -> None:
     rng = np.random.default_rng(1)
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     M_new, g_new = M.copy(), g.copy()
-    d2_new = kernels.temper(M_new, g_new, d2, 1 / precision)
+    d2_new = kernels.marginalize_misplacement(M_new, g_new, d2, 1 / precision)
     for x in rng.normal(size=(5, 4)):
         e = -np.linalg.solve(M + np.diag(precision), M @ x + g)
         expected = d2 + (x + e) @ M @ (x + e) + 2 * g @ (x + e) + e * precision @ e
@@ -191,7 +193,7 @@ def test_a_misplacement_that_is_known_to_be_none_changes_nothing() -> None:
     rng = np.random.default_rng(2)
     M, g = _positive(rng, 4), rng.normal(size=4)
     M_new, g_new = M.copy(), g.copy()
-    assert kernels.temper(M_new, g_new, 5.0, np.full(4, 1e-12)) == pytest.approx(5)
+    assert kernels.marginalize_misplacement(M_new, g_new, 5.0, np.full(4, 1e-12)) == pytest.approx(5)
     np.testing.assert_allclose(M_new, M, atol=1e-8)
     np.testing.assert_allclose(g_new, g, atol=1e-8)
 
@@ -261,7 +263,7 @@ class Problem:
         """`kernels.solve` from a step (12,) away from the minimum."""
         found: tuple[Any, ...] = kernels.solve(
             *_stepped(*self.minimum, step), self.maps, READING, self.person, self.appearance, self.active,
-            self.scale, self.prior, self.view, iterations, 1e-4, kernels.room_for(len(self.active)),
+            self.scale, self.prior, self.view, iterations, 1e-4, kernels.workspace(len(self.active)),
         )  # fmt: skip
         return found
 

@@ -13,8 +13,9 @@ from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.rotation import Array, angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
-from mien.tracking.motion import JAW_DROP, Motion, take_patches
+from mien.tracking.motion import Motion, extract_patches
 from mien.tracking.person import TRACKED
+from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.solution import Pose, Prediction, View
 from small_motion import face, run
@@ -42,8 +43,8 @@ def next_frame() -> Frame:
 
 
 def _measured(tracker: RealtimeTracker, frame: Frame) -> Pose:
-    view = tracker._look(tracker.face.fine, frame, tracker.pose)
-    return tracker._move(view, tracker._stay()).pose
+    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    return tracker._predict_from_motion(view, tracker._prediction(tracker.pose)).pose
 
 
 def _error_deg(tracker: RealtimeTracker, found: Pose) -> float:
@@ -68,7 +69,7 @@ def test_brightness_and_contrast_do_not_matter(tracker: RealtimeTracker, next_fr
 def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_frame: Frame) -> None:
     """A board over the mouth, which was not there before."""
     lips = ["lip" in name or "mouth" in name for name in TRACKED]
-    mouth = tracker.camera.project(tracker.person.posed(tracker.pose))[0][lips].mean(axis=0).astype(int)
+    mouth = tracker.camera.project(tracker.person.in_camera(tracker.pose))[0][lips].mean(axis=0).astype(int)
     pixels = next_frame.pixels.copy()
     pixels[mouth[1] - 8 : mouth[1] + 40, mouth[0] - 40 : mouth[0] + 40] = (200, 40, 40)
     found = _measured(tracker, Frame(pixels, next_frame.index, next_frame.time))
@@ -76,14 +77,14 @@ def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_f
 
 
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
-    view = tracker._look(tracker.face.fine, next_frame, tracker.pose)
-    person, prior = tracker.person.arrays, tracker._prior(tracker._stay())
+    view = tracker.solver.view(tracker.face.fine, next_frame, tracker.pose)
+    person, prior = tracker.person.arrays, tracker.prior.arrays(tracker._prediction(tracker.pose))
     motion = Motion(tracker.face.patches, tracker.settings)
     motion.remember(view.image, person, tracker.pose.arrays, view.geometry)
     (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
     np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
     np.testing.assert_allclose(t, tracker.pose.t, atol=1e-9)
-    np.testing.assert_allclose(covariance, np.linalg.inv(tracker.information))
+    np.testing.assert_allclose(covariance, np.linalg.inv(tracker.prior.information))
 
 
 def test_derivatives_against_differences() -> None:
@@ -98,9 +99,9 @@ def test_derivatives_against_differences() -> None:
 
     def values(step: Array) -> Array:
         pose = exp(step[:3]) @ R, t + step[3:6], a + step[6:]
-        return np.asarray(take_patches(image, person, patches, pose, view)[0], float)
+        return np.asarray(extract_patches(image, person, patches, pose, view)[0], float)
 
-    _, norms, rigid, JJ, turned = take_patches(image, person, patches, (R, t, a), view)
+    _, norms, rigid, JJ, turned = extract_patches(image, person, patches, (R, t, a), view)
     J = np.concatenate([rigid, np.einsum("nkr,nrm->nkm", turned, rigid[:, 3:])], axis=1)
     np.testing.assert_allclose(norms, np.linalg.norm(values(np.zeros(12)), axis=1), rtol=1e-5)
     np.testing.assert_allclose(JJ, np.einsum("nkm,nlm->nkl", J, J), rtol=1e-4, atol=1e-2)
@@ -122,7 +123,7 @@ def test_drift_by_hand() -> None:
 
 
 class _Unmoved(RealtimeTracker):
-    def _move(self, view: View, predicted: Prediction) -> Prediction:
+    def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
         return predicted
 
 
@@ -153,9 +154,9 @@ def test_a_face_is_the_same_in_the_next_frame_and_another_picture_is_not(next_fr
     for frame in (next_frame, noisy, turned):
         tracker = RealtimeTracker()
         tracker.initialize(first, face().landmarks, face().camera)
-        view, solution = tracker._fine(next_frame, tracker._stay())
+        view, solution = tracker.solver.refine(next_frame, tracker._prediction(tracker.pose))
         tracker.pose = solution.pose
-        seen = tracker._look(tracker.face.fine, frame, solution.pose)
+        seen = tracker.solver.view(tracker.face.fine, frame, solution.pose)
         agreements.append(tracker._remember(frame, replace(seen, facing=view.facing), solution)[0])
     same, noised, other = agreements
     assert same > 0.97

@@ -189,11 +189,11 @@ def test_what_an_expression_moves_says_less() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     level = tracker.face.fine
-    rest = tracker.person.misplaced(level, tracker.pose.animation)
+    rest = tracker.person.misplacement_variance(level, tracker.pose.animation)
     raised = tracker.pose.animation.copy()
     raised[TRACKED_UNITS.index("outer_brow_raiser")] += 1
     tracker.pose = replace(tracker.pose, animation=raised)
-    more = (tracker.person.misplaced(level, tracker.pose.animation) - rest)[:, 0]
+    more = (tracker.person.misplacement_variance(level, tracker.pose.animation) - rest)[:, 0]
     brow, nose = LANDMARK_NAMES.index("left_brow_outer"), LANDMARK_NAMES.index("nose_tip")
     pixels = tracker.settings.unit_error * 0.176 * level.descriptor.pixels_per_unit  # CANDIDE: (0.022, 0.174, -0.022)
     assert np.sqrt(more[brow]) == pytest.approx(pixels, rel=0.1)
@@ -208,7 +208,7 @@ def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
     tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
-    *_, at, information = tracker._prior(tracker._stay())
+    *_, at, information = tracker.prior.arrays(tracker._prediction(tracker.pose))
     np.testing.assert_array_equal(at, tracker.fit.animation)
     loose = np.array([1.0, 1.0, 1.0, 4.0, 1.0, 4.0])  # the second is jaw_drop, fourth and sixth are of the brows
     np.testing.assert_allclose(information, loose * [51, 41, 26, 11, 1 + 50 / 101, 3], rtol=1e-6)
@@ -256,13 +256,13 @@ def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
 def test_misplacement_solves_each_landmark_alone() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
-    _, solution = tracker._fine(sequence().frames[1], tracker._stay())
+    _, solution = tracker.solver.refine(sequence().frames[1], tracker._prediction(tracker.pose))
     seen = solution.facing
     expected = -np.linalg.solve(solution.M[seen, :2, :2], solution.g[seen, :2, None])[:, :, 0]
     assert 0 < (np.abs(expected) > 0.1).mean() < 0.9
     for most in (0.1, 100.0):
         squared = np.square(np.clip(expected, -most, most)).mean(axis=1)
-        np.testing.assert_allclose(solution.misplacement(most)[seen], squared, rtol=1e-3)
+        np.testing.assert_allclose(solution.squared_misplacement(most)[seen], squared, rtol=1e-3)
 
 
 def test_it_is_better_than_the_paper() -> None:
@@ -373,15 +373,15 @@ def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     predicted = tracker.pose
-    _, found = tracker._fine(sequence().frames[3], tracker._stay())
-    assert found.seen(tracker.settings.seen_distance).mean() > tracker.settings.hold_share
-    assert tracker._hold(predicted, found) is found
+    _, found = tracker.solver.refine(sequence().frames[3], tracker._prediction(tracker.pose))
+    assert found.inliers(tracker.settings.seen_distance).mean() > tracker.settings.hold_share
+    assert tracker._damp(predicted, found) is found
 
     few = found.facing & (np.arange(len(found.facing)) < 5)
     turned = replace(found, facing=few, pose=predicted.moved(np.array([0.1, 0, 0] + [0.0] * 9)), H=1e-2 * found.H)
-    held = tracker._hold(predicted, turned)
+    held = tracker._damp(predicted, turned)
     assert 0 < predicted.step_to(held.pose)[0] < 0.05  # most of the way back
-    sure = tracker._hold(predicted, replace(turned, H=1e6 * found.H))
+    sure = tracker._damp(predicted, replace(turned, H=1e6 * found.H))
     np.testing.assert_allclose(predicted.step_to(sure.pose), predicted.step_to(turned.pose), atol=1e-4)
 
 

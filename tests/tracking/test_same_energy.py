@@ -22,8 +22,8 @@ def problem() -> tuple[PosePosterior, np.ndarray]:
     for frame in frames[1:4]:
         tracker.track(frame)
     pose = tracker.pose
-    view = tracker._look(tracker.face.fine, frames[4], pose)
-    return tracker._posterior(view, tracker._stay()), pack(pose.R, pose.t, pose.animation)
+    view = tracker.solver.view(tracker.face.fine, frames[4], pose)
+    return tracker.solver.posterior(view, tracker._prediction(tracker.pose)), pack(pose.R, pose.t, pose.animation)
 
 
 def test_the_gradient_goes_where_the_simplex_goes(problem: tuple[PosePosterior, np.ndarray]) -> None:

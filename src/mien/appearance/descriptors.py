@@ -179,11 +179,11 @@ def _cell_weight(i: int, j: int) -> Any:
 
 
 @kernel()
-def _describe(maps: Any, points: Any, reading: Any, out: Any, J: Any) -> None:
-    """Descriptors (n, 128) into out; J (n, 2, 128), or None where it is not wanted, takes their derivative. reading:
+def _describe(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> None:
+    """Descriptors (n, 128) into out; J (n, 2, 128), or None where it is not wanted, takes their derivative. sampling:
     cell, root, angle and scale as `describe`'s."""
     height, width = maps.shape[0], maps.shape[1]
-    cell, root, angle, scale = reading
+    cell, root, angle, scale = sampling
     along, across = cell * scale * np.cos(angle), cell * scale * np.sin(angle)
     for n in range(points.shape[0]):
         for i in range(4):

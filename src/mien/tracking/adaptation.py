@@ -50,7 +50,7 @@ class Adaptation:
         """(n, 128) at a tilt and pan (2,)."""
         turn = angles - self.first
         offset = turn.astype(np.float32) @ self.slope
-        _add_near(turn, self.near, self.views, offset)
+        _add_interpolated(turn, self.near, self.views, offset)
         return np.asarray(offset.reshape(self.nothing.shape))
 
     def share(self, angles: Array) -> Float32:
@@ -59,7 +59,7 @@ class Adaptation:
         share = np.zeros(len(self.nothing), np.float32)
         if not self.begun:
             return share
-        _add_near(angles - self.first, self.near, self.learned, share)
+        _add_interpolated(angles - self.first, self.near, self.learned, share)
         return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
@@ -75,7 +75,7 @@ class Adaptation:
     def learn_view(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """The same of a face that has turned away from the first frame's view."""
         self.begun = True
-        near = _near(angles - self.first, self.near)
+        near = _neighbours(angles - self.first, self.near)
         missing = (1 - self.share(angles)) * strange
         change = np.zeros_like(self.nothing)
         change[strange] = residual
@@ -86,12 +86,12 @@ class Adaptation:
 
 
 @kernel()
-def _near(turn: Any, near: float) -> Any:
+def _neighbours(turn: Any, near: float) -> Any:
     """The four views about a turn (2,) from the first frame's, in tilt and pan, and what each counts there: bilinear
     between them, and the less the nearer the first frame's view is, within `near` radians."""
     away = 1 - np.exp(-0.5 * (turn[0] * turn[0] + turn[1] * turn[1]) / (near * near))
-    row, down = _place(turn[0], _TILTS)
-    column, right = _place(turn[1], _PANS)
+    row, down = _bracket(turn[0], _TILTS)
+    column, right = _bracket(turn[1], _PANS)
     k = row * _PANS + column
     return (
         (k, away * (1 - down) * (1 - right)),
@@ -102,16 +102,16 @@ def _near(turn: Any, near: float) -> Any:
 
 
 @kernel()
-def _add_near(turn: Any, near: float, views: Any, total: Any) -> None:
+def _add_interpolated(turn: Any, near: float, views: Any, total: Any) -> None:
     """Add to total (m,) those of the views (v, m) that are about a turn (2,), by what they count."""
-    for k, weight in _near(turn, near):
+    for k, weight in _neighbours(turn, near):
         view, share = views[k], np.float32(weight)
         for i in range(total.size):
             total[i] += share * view[i]
 
 
 @kernel()
-def _place(angle: float, count: int) -> Any:
+def _bracket(angle: float, count: int) -> Any:
     """Index of the view before an angle, of `count` in a row about 0, and how far it is to the next, in [0, 1]."""
     place = min(max(angle / _SPACING + (count - 1) / 2, 0.0), count - 1.0)
     before = min(int(place), count - 2)

@@ -39,7 +39,7 @@ class HeadAxes:
         """R, t: pose of the model in the first frame."""
         self.fit = fit
         self.first = Reference(R, t / np.linalg.norm(t), fit.axes_sd)
-        self.told = R
+        self.reported = R
         self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
         self.turn = np.eye(3)
         self._lean = np.zeros(2)
@@ -58,14 +58,14 @@ class HeadAxes:
     def rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the head where the model has R (3, 3): in the first frame the one that was told, so that
         what is learned later turns nothing there; what has turned since is read in the axes of the head."""
-        return np.asarray(self.told @ self.turn.T @ self.first.R.T @ R @ self.turn)
+        return np.asarray(self.reported @ self.turn.T @ self.first.R.T @ R @ self.turn)
 
     def model_rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
-        return np.asarray(self.first.R @ self.turn @ self.told.T @ R @ self.turn.T)
+        return np.asarray(self.first.R @ self.turn @ self.reported.T @ R @ self.turn.T)
 
     def tell_anew(self) -> Array:
         """Tell of the first frame what is known now; returns the rotation (3, 3), in camera axes, that turns all that
         was told so far to it."""
-        before, self.told = self.told, self.first.R @ self.turn
-        return np.asarray(self.told @ before.T)
+        before, self.reported = self.reported, self.first.R @ self.turn
+        return np.asarray(self.reported @ before.T)

@@ -19,7 +19,7 @@ from mien.appearance.descriptors import Float32
 from mien.compiled import kernel
 from mien.tracking.state import Closing, Mask
 
-_WAY = np.linspace(0, 1.5, 31)
+_PATH = np.linspace(0, 1.5, 31)
 """Places on the way: 0 open, 1 where drawn eyes are shut. Real lids change more than drawn ones."""
 _SHUT = 1.25
 """Where real eyes are shut. This and the rest are from eyes whose closing is known (docs/benchmark.md)."""
@@ -36,12 +36,12 @@ _LEAST_SD, _SHARE_SD = 0.05, 0.25
 _LEAST_CHANGE = 0.01
 """Squared change of the descriptors below which the first frame's eyes were closed already."""
 
-_HALF, _BEYOND = np.minimum(2 * _WAY, 1.0), np.maximum(2 * _WAY - 1, 0.0)
-_BESIDE = np.stack([np.ones(len(_WAY)), _BEYOND - _HALF, -_BEYOND], axis=1)
+_HALF, _BEYOND = np.minimum(2 * _PATH, 1.0), np.maximum(2 * _PATH - 1, 0.0)
+_BESIDE = np.stack([np.ones(len(_PATH)), _BEYOND - _HALF, -_BEYOND], axis=1)
 """(31, 3): what is seen, less half closed and shut eyes by their shares, is what lies beside each place."""
-_OPEN = np.exp(-0.5 * (_WAY / _OPEN_SD) ** 2)
+_OPEN = np.exp(-0.5 * (_PATH / _OPEN_SD) ** 2)
 _OPEN /= _OPEN.sum()
-_CLOSED = np.minimum(_WAY / _SHUT, 1.0)
+_CLOSED = np.minimum(_PATH / _SHUT, 1.0)
 
 
 def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing | None = None) -> Closing | None:
@@ -51,15 +51,15 @@ def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing 
     that which are half closed, shut, look to one side, and to the other; seen (n,): landmarks that face the camera;
     before: how far they had closed in the last frame.
     """
-    products = _products(residual, changes, seen)
+    products = _gram_matrix(residual, changes, seen)
     if products[2, 2] < _LEAST_CHANGE:
         return None
-    share, variance = _place(products, before.share if before else 0.0)
+    share, variance = _closing_moments(products, before.share if before else 0.0)
     return Closing(share, math.sqrt(variance + _LEAST_SD**2 + (_SHARE_SD * share) ** 2))
 
 
 @kernel()
-def _products(residual: Any, changes: Any, seen: Any) -> Any:
+def _gram_matrix(residual: Any, changes: Any, seen: Any) -> Any:
     """Products (5, 5) of the looks with each other: what is seen, and the four that are known."""
     products = np.zeros((5, 5))
     for i in range(seen.size):
@@ -78,7 +78,7 @@ def _products(residual: Any, changes: Any, seen: Any) -> Any:
 
 
 @kernel()
-def _place(products: Any, before: float) -> Any:
+def _closing_moments(products: Any, before: float) -> Any:
     """Mean and variance of how far the eyes have closed, from those products (5, 5) and how far they had before."""
     # What glances explain of the looks, by any amount, is taken off; where both look alike there is no inverse.
     a, b, c = products[3, 3] + 1e-9, products[3, 4], products[4, 4] + 1e-9
@@ -89,7 +89,7 @@ def _place(products: Any, before: float) -> Any:
         for j in range(3):
             explained = products[3, j] * (c * left - b * right) + products[4, j] * (a * right - b * left)
             without[i, j] = products[i, j] - explained / determinant
-    n = _WAY.size
+    n = _PATH.size
     ahead, beside = np.empty(n), np.empty(n)  # log-likelihood of each place
     most = -np.inf
     for k in range(n):

@@ -16,7 +16,7 @@ from mien.compiled import kernel
 
 DEGREE = 4
 POLYNOMIAL_TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
-STATE = 12
+STATE_SIZE = 12
 
 
 @kernel()
@@ -35,7 +35,7 @@ def view_angles(M: Any) -> Any:
 
 
 @kernel()
-def ray_to(point: Any, R: Any, t: Any) -> Any:
+def viewing_ray(point: Any, R: Any, t: Any) -> Any:
     """`geometry.rotation.ray_rotation` (3, 3) of a point (3,) in head axes at a pose."""
     x, y, z = rotated(R, point[0], point[1], point[2])
     x, y, z = x + t[0], y + t[1], z + t[2]
@@ -50,16 +50,16 @@ def ray_to(point: Any, R: Any, t: Any) -> Any:
 
 
 @kernel()
-def seen_along(point: Any, R: Any, t: Any) -> Any:
-    """`ray_to` (3, 3) a point, and tilt and pan (2,) in radians of the head along it."""
-    ray = ray_to(point, R, t)
+def viewing_angles(point: Any, R: Any, t: Any) -> Any:
+    """`viewing_ray` (3, 3) a point, and tilt and pan (2,) in radians of the head along it."""
+    ray = viewing_ray(point, R, t)
     angles = np.empty(2)
-    angles[0], angles[1], _ = angles_along(ray, R)
+    angles[0], angles[1], _ = angles_along_ray(ray, R)
     return ray, angles
 
 
 @kernel()
-def angles_along(ray: Any, R: Any) -> Any:
+def angles_along_ray(ray: Any, R: Any) -> Any:
     """`view_angles` of a head with rotation R (3, 3) that is seen along a ray, given by the rotation (3, 3) from the
     optical axis to it."""
     M = transposed_product(ray, R)
@@ -92,7 +92,7 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 
 
 @kernel()
-def lens_of(view: Any) -> Any:
+def projection_of(view: Any) -> Any:
     """What a view makes of a point in camera axes, as numbers, which are faster to hand on than arrays: focal length,
     principal point, and the similarity from image to crop, its linear part row by row and its offset."""
     camera, linear, offset, _ = view
@@ -101,7 +101,7 @@ def lens_of(view: Any) -> Any:
 
 
 @kernel()
-def moved(i: int, units: Any, a: Any) -> Any:
+def displacement(i: int, units: Any, a: Any) -> Any:
     """How far an animation moves landmark i: three coordinates in head axes."""
     x, y, z = 0.0, 0.0, 0.0
     for k in range(a.size):
@@ -115,12 +115,12 @@ def moved(i: int, units: Any, a: Any) -> Any:
 def landmark(i: int, person: Any, a: Any) -> Any:
     """Landmark i of a face with an animation: three coordinates in head axes."""
     neutral, units = person
-    x, y, z = moved(i, units, a)
+    x, y, z = displacement(i, units, a)
     return neutral[i, 0] + x, neutral[i, 1] + y, neutral[i, 2] + z
 
 
 @kernel()
-def posed(person: Any, R: Any, t: Any, a: Any) -> Any:
+def in_camera(person: Any, R: Any, t: Any, a: Any) -> Any:
     """Landmarks (n, 3) in camera axes."""
     X = np.empty((person[0].shape[0], 3))
     for i in range(X.shape[0]):
@@ -131,14 +131,14 @@ def posed(person: Any, R: Any, t: Any, a: Any) -> Any:
 
 
 @kernel()
-def told(person: Any, beside: Any, R: Any, t: Any, a: Any, lids: Any, ways: Any, camera: Any) -> Any:
+def reported_landmarks(person: Any, beside: Any, R: Any, t: Any, a: Any, lids: Any, ways: Any, camera: Any) -> Any:
     """The first m landmarks as they are told: (m, 3) in camera axes, and (m, 2) in the image, NaN behind the camera.
 
     beside (m, 3): how far each lies beside that of the model, head axes; lids (2, k): which are upper lids, and the
     lower ones; ways: how far these go towards the others, shares of the opening.
     """
     m = beside.shape[0]
-    X, image = posed(person, R, t, a)[:m], np.empty((m, 2))
+    X, image = in_camera(person, R, t, a)[:m], np.empty((m, 2))
     for i in range(m):
         x, y, z = rotated(R, beside[i, 0], beside[i, 1], beside[i, 2])
         X[i, 0], X[i, 1], X[i, 2] = X[i, 0] + x, X[i, 1] + y, X[i, 2] + z
@@ -167,19 +167,19 @@ def rotated(R: Any, x: float, y: float, z: float) -> Any:
 
 
 @kernel()
-def in_crop(Y: Any, t: Any, lens: Any) -> Any:
+def project_to_crop(Y: Any, t: Any, projection: Any) -> Any:
     """(u, v) in the crop of a point R h = Y, three numbers."""
-    f, cx, cy, l00, l01, l10, l11, o0, o1 = lens
+    f, cx, cy, l00, l01, l10, l11, o0, o1 = projection
     scale = f / max(Y[2] + t[2], 0.1)
     u, v = scale * (Y[0] + t[0]) + cx, scale * (Y[1] + t[1]) + cy
     return l00 * u + l01 * v + o0, l10 * u + l11 * v + o1
 
 
 @kernel()
-def differentiate(gu: float, gv: float, Y: Any, t: Any, lens: Any) -> Any:
+def gradient_by_pose(gu: float, gv: float, Y: Any, t: Any, projection: Any) -> Any:
     """Derivative, six numbers, by the rotation and translation of a pose step of what has the gradient (gu, gv) by crop
     pixel, at a point R h = Y. The last three are that by the point itself."""
-    f, _, _, l00, l01, l10, l11, _, _ = lens
+    f, _, _, l00, l01, l10, l11, _, _ = projection
     scale = f / max(Y[2] + t[2], 0.1)
     x, y = (l00 * gu + l10 * gv) * scale, (l01 * gu + l11 * gv) * scale
     z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) * scale / f
@@ -187,7 +187,7 @@ def differentiate(gu: float, gv: float, Y: Any, t: Any, lens: Any) -> Any:
 
 
 @kernel()
-def visible(X: Any, normals: Any, R: Any, camera: Any, width: int, height: int, least: float) -> Any:
+def facing_camera(X: Any, normals: Any, R: Any, camera: Any, width: int, height: int, least: float) -> Any:
     """Which points X (n, 3) in camera axes, with normals (n, 3) in head axes, lie inside the image and face the camera:
     the cosine of the angle between the normal and the way to the camera is above `least`."""
     seen = np.empty(X.shape[0], np.bool_)
@@ -206,14 +206,14 @@ def visible(X: Any, normals: Any, R: Any, camera: Any, width: int, height: int, 
 def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
     """Landmarks in the crop (n, 2) and their derivative (n, 2, 12) by [rotation vector, t, animation]."""
     neutral, units = person
-    n, lens = neutral.shape[0], lens_of(view)
-    q, J = np.empty((n, 2)), np.empty((n, 2, STATE))
+    n, projection = neutral.shape[0], projection_of(view)
+    q, J = np.empty((n, 2)), np.empty((n, 2, STATE_SIZE))
     for i in range(n):
         x, y, z = landmark(i, person, a)
         Y = rotated(R, x, y, z)
-        q[i, 0], q[i, 1] = in_crop(Y, t, lens)
+        q[i, 0], q[i, 1] = project_to_crop(Y, t, projection)
         for r in range(2):
-            by_pose = differentiate(1.0 - r, float(r), Y, t, lens)
+            by_pose = gradient_by_pose(1.0 - r, float(r), Y, t, projection)
             for k in range(6):
                 J[i, r, k] = by_pose[k]
             for k in range(units.shape[0]):
@@ -224,7 +224,7 @@ def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
 
 @kernel()
 def linearize_landmarks(
-    maps: Any, reading: Any, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
+    maps: Any, sampling: Any, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
     inverse_floor: Any, active: Any, residuals: Any, M: Any, g: Any, d2: Any,
 ) -> None:  # fmt: skip
     """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
@@ -240,7 +240,7 @@ def linearize_landmarks(
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        _describe(maps, q[i : i + 1], reading, D[:1], J)
+        _describe(maps, q[i : i + 1], sampling, D[:1], J)
         for c in range(128):
             residual[c] -= delta[i, c]
             by_u[c] = J[0, 0, c]
@@ -284,7 +284,7 @@ def linearize_landmarks(
 
 
 @kernel()
-def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
+def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
     """Give a landmark a systematic error of its own, and marginalise it: changes M and g, returns the new d2.
 
     variance (4,): of the misplacement in [u, v, tilt, pan]. With P = diag(1 / variance) and A = (M + P)^-1 the
@@ -314,12 +314,12 @@ def temper(M: Any, g: Any, d2: float, variance: Any) -> float:
 
 
 @kernel()
-def misplaced(variance: Any, units: Any, error: Any) -> Any:
+def misplacement_variance(variance: Any, units: Any, error: Any) -> Any:
     """Variances (n, 4) of landmarks' misplacement in [u, v, tilt, pan], with what an error (6,) of the animation, in
     pixels by unit of length, adds to the first two."""
     out = variance.copy()
     for i in range(out.shape[0]):
-        x, y, z = moved(i, units, error)
+        x, y, z = displacement(i, units, error)
         squared = x * x + y * y + z * z
         out[i, 0] += squared
         out[i, 1] += squared
@@ -327,7 +327,7 @@ def misplaced(variance: Any, units: Any, error: Any) -> Any:
 
 
 @kernel()
-def misplacement(M: Any, g: Any, most: float) -> Any:
+def squared_misplacement(M: Any, g: Any, most: float) -> Any:
     """Mean square (n,), by axis, of the step in the crop that each landmark alone would take; see `Solution`'s."""
     out = np.empty(g.shape[0])
     for i in range(out.size):
@@ -435,7 +435,7 @@ def rotation_vector(R: Any, R_from: Any) -> Any:
 @kernel()
 def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any:
     """The pose step (12,) from one pose to another, less than about 170 degrees away."""
-    turn, step = rotation_vector(R_to, R), np.empty(STATE)
+    turn, step = rotation_vector(R_to, R), np.empty(STATE_SIZE)
     for k in range(3):
         step[k], step[3 + k] = turn[k], t_to[k] - t[k]
     for k in range(6):
@@ -444,7 +444,7 @@ def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any
 
 
 @kernel()
-def firm(information: Any, moved: Any, firmness: Any, times: float) -> Any:
+def student_information(information: Any, moved: Any, firmness: Any, times: float) -> Any:
     """Information (6,) of an animation's rest, with the tails of Student's t: that times `1 + firmness` (6,) where
     nothing has moved (6,), with half of what this adds where it has by 1; and all that so many times."""
     out = np.empty(information.size)
@@ -459,9 +459,9 @@ def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
     R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
     step = step_between(R_prior, t_prior, a_prior, R, t, a)
     energy = 0.0
-    for r in range(STATE):
+    for r in range(STATE_SIZE):
         G[r] = 0.0
-        for c in range(STATE):  # entry by entry: an assignment of whole arrays takes seconds to compile
+        for c in range(STATE_SIZE):  # entry by entry: an assignment of whole arrays takes seconds to compile
             H[r, c] = information[r, c]
             G[r] += information[r, c] * step[c]
         energy += G[r] * step[r]
@@ -477,18 +477,18 @@ def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
 def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
     """Add one landmark's w B^T M B to the upper triangle of H (12, 12), and its w B^T g to G (12,). Returns M B."""
     MB = transposed_product(M, B)  # M is symmetric
-    for r in range(STATE):
+    for r in range(STATE_SIZE):
         for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
             x = w * B[k, r]
             G[r] += x * g[k]
-            for c in range(r, STATE):
+            for c in range(r, STATE_SIZE):
                 H[r, c] += x * MB[k, c]
     return MB
 
 
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
 def evaluate(
-    R: Any, t: Any, a: Any, maps: Any, reading: Any, person: Any, appearance: Any, active: Any, scale: Any,
+    R: Any, t: Any, a: Any, maps: Any, sampling: Any, person: Any, appearance: Any, active: Any, scale: Any,
     prior: Any, view: Any, residuals: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
 ) -> Any:  # fmt: skip
     """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
@@ -499,65 +499,66 @@ def evaluate(
     coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
     ray = view[3]
     q, J = project(person, R, t, a, view)
-    tilt, pan, by_ray = angles_along(ray, R)
+    tilt, pan, by_ray = angles_along_ray(ray, R)
     J_angles = np.empty((2, 3))  # by a rotation vector in camera axes
     for k in range(2):
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
     terms = polynomial(tilt, pan, limit)
     linearize_landmarks(
-        maps, reading, q, coefficients, delta, terms, U, gain, inverse_floor, active, residuals, M, g, d2
+        maps, sampling, q, coefficients, delta, terms, U, gain, inverse_floor, active, residuals, M, g, d2
     )  # fmt: skip
     energy = add_prior(R, t, a, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
         if active[i] <= 0.0:
             continue
-        d2[i] = temper(M[i], g[i], d2[i], variance[i])
+        d2[i] = marginalize_misplacement(M[i], g[i], d2[i], variance[i])
         # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
         ratio = scale[i] / (scale[i] + d2[i])
         energy += active[i] * d2[i] * ratio
         w[i] = active[i] * ratio * ratio
         for k in range(2):
-            for r in range(STATE):
+            for r in range(STATE_SIZE):
                 B[i, k, r] = J[i, k, r]
             for r in range(3):
                 B[i, 2 + k, r] = J_angles[k, r]
         add_landmark(M[i], g[i], B[i], w[i], H, G)
-    for r in range(STATE):
+    for r in range(STATE_SIZE):
         for c in range(r):
             H[r, c] = H[c, r]
     return energy
 
 
-def room_for(n: int) -> tuple[NDArray[Any], ...]:
+def workspace(n: int) -> tuple[NDArray[Any], ...]:
     """Where `solve` puts residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of
     everything there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
     return (
         np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
-        np.zeros((2, n, 4, STATE)), np.zeros((2, n)), np.zeros((2, STATE, STATE)), np.zeros((2, STATE)),
+        np.zeros((2, n, 4, STATE_SIZE)), np.zeros((2, n)),
+        np.zeros((2, STATE_SIZE, STATE_SIZE)), np.zeros((2, STATE_SIZE)),
     )  # fmt: skip
 
 
 @kernel()
 def solve(
-    R: Any, t: Any, a: Any, maps: Any, reading: Any, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, iterations: int, tolerance: float, room: Any,
+    R: Any, t: Any, a: Any, maps: Any, sampling: Any, person: Any, appearance: Any, active: Any, scale: Any,
+    prior: Any, view: Any, iterations: int, tolerance: float, workspace: Any,
 ) -> Any:  # fmt: skip
-    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. room: see `room_for`.
+    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. workspace: see `workspace`.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy,
     H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was
     seen, and how often the energy was evaluated.
     """
-    residuals, M, g, d2, B, w, H, G = room
+    residuals, M, g, d2, B, w, H, G = workspace
     lowest, free = 0, 1
     best, damping = np.inf, 1e-3
     best_R, best_t, best_a = R, t, a
     evaluations = 0
     while evaluations < iterations:
         energy = evaluate(
-            R, t, a, maps, reading, person, appearance, active, scale, prior, view,
+            R, t, a, maps, sampling, person, appearance, active, scale, prior, view,
             residuals[free], M[free], g[free], d2[free], B[free], w[free], H[free], G[free],
         )  # fmt: skip
         evaluations += 1
@@ -570,12 +571,12 @@ def solve(
             if damping > 1e6:
                 break
         A = H[lowest].copy()
-        for k in range(STATE):
+        for k in range(STATE_SIZE):
             A[k, k] *= 1.0 + damping
         step = solve_positive(A, G[lowest])
         R, t, a = rotate(-step[:3], best_R), best_t - step[3:6], best_a - step[6:]
         gain = 0.0  # that the quadratic model promises
-        for k in range(STATE):
+        for k in range(STATE_SIZE):
             gain += G[lowest, k] * step[k]
         if gain < tolerance:
             best_R, best_t, best_a = R, t, a

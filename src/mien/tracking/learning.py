@@ -63,7 +63,7 @@ class Level:
         """Squared distance (n,) between what landmarks look like at a tilt and pan (2,) and what the appearance says
         there, of the nearest four views, weighed by how near they are."""
         k = self.views.shape[1]
-        fit: Float32 = _between(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
+        fit: Float32 = _bilinear_lookup(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
         return fit
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
@@ -82,11 +82,11 @@ def _nearest(views: Any, angle: float) -> int:
 
 
 @kernel()
-def _between(table: Any, views: Any, angles: Any) -> Any:
+def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
     """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,): bilinear between the
     nearest four views, and constant beyond the last."""
-    row, down = _place(views[0], angles[0])
-    column, right = _place(views[1], angles[1])
+    row, down = _bracket(views[0], angles[0])
+    column, right = _bracket(views[1], angles[1])
     a, b, c, d = table[row, column], table[row, column + 1], table[row + 1, column], table[row + 1, column + 1]
     out = np.empty(a.size, np.float32)
     for i in range(out.size):
@@ -95,7 +95,7 @@ def _between(table: Any, views: Any, angles: Any) -> Any:
 
 
 @kernel()
-def _place(views: Any, angle: float) -> Any:
+def _bracket(views: Any, angle: float) -> Any:
     """Index of the view before an angle, of those at increasing angles (k,), and how far it is to the next one, in
     [0, 1]."""
     k = 0
@@ -183,7 +183,7 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
             lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng))[0] - seen)
         terms.append(kernels.polynomial(tilt, pan, limit)[0])
         behind.append(_depth_behind(posed[1], depth, view))
-        facing = kernels.visible(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
+        facing = kernels.facing_camera(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
         towards = -np.sum(face.normals @ R.T * posed[1], axis=1) / np.linalg.norm(posed[1], axis=1)
         clear = facing & (behind[-1] < _CLEAR * s.hidden_depth)
         weight.append(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(towards, 0) ** 2))

@@ -19,26 +19,23 @@ from typing import Any
 import numpy as np
 
 from mien.appearance.descriptors import Float32
-from mien.candide.model import TRACKED_UNITS
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.tracking.definite import inverse_definite
 from mien.tracking.kernels import (
-    STATE,
+    STATE_SIZE,
     add_prior,
-    differentiate,
-    in_crop,
+    gradient_by_pose,
     landmark,
-    lens_of,
+    project_to_crop,
+    projection_of,
     rotate,
     rotated,
     solve_positive,
 )
+from mien.tracking.prior import JAW_DROP
 
-JAW_DROP = TRACKED_UNITS.index("jaw_drop")
-MOUTH_UNITS = [k for k, unit in enumerate(TRACKED_UNITS) if "brow" not in unit]
-"""Units that move the mouth."""
 _RIGID = 6
 """Numbers of a pose step that turn and move the head, before those of the animation."""
 _LEAST_GREY = 1.0
@@ -69,7 +66,7 @@ class Motion:
     ) -> tuple[Float32, Array]:
         """Take the patches from a crop in which the face is at a pose (R, t, animation); returns their values (n, m)
         less their mean, and norms (n,). person: neutral landmarks and animation units; view: as `kernels.solve`'s."""
-        self.template = take_patches(image, person, self.patches, pose, view)
+        self.template = extract_patches(image, person, self.patches, pose, view)
         values: Float32 = self.template[0]
         return values, self.template[1]
 
@@ -94,7 +91,7 @@ class Motion:
 
 
 @kernel()
-def _read(image: Any, x: float, y: float) -> Any:
+def _bilinear(image: Any, x: float, y: float) -> Any:
     """Bilinear value at a point and its derivatives by the point; beyond the edge the edge repeats."""
     height, width = image.shape
     x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
@@ -106,17 +103,17 @@ def _read(image: Any, x: float, y: float) -> Any:
 
 
 @kernel(inline="always")  # so that it runs several points at a time
-def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, lens: Any, Y: Any, q: Any) -> None:
+def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, projection: Any, Y: Any, q: Any) -> None:
     """The points of patch i: Y (3, m) turned into camera axes but not moved, and q (2, m) in the crop."""
     x, y, z = landmark(i, person, a)
     for j in range(q.shape[1]):
         here = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
         Y[0, j], Y[1, j], Y[2, j] = here
-        q[0, j], q[1, j] = in_crop(here, t, lens)
+        q[0, j], q[1, j] = project_to_crop(here, t, projection)
 
 
 @kernel()
-def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
+def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
     """Of patches (n, 3, m): values (n, m) less their mean, norms (n,), derivatives (n, 6, m) by rotation and
     translation less the mean, the sums (n, 12, 12) of the products of those by the whole pose step, and the units
     (n, 6, 3) in camera axes.
@@ -124,17 +121,21 @@ def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) ->
     All points of a patch move alike with the units: the derivatives by these are sums of those by translation.
     """
     R, t, a = pose
-    units, lens = person[1], lens_of(view)
+    units, projection = person[1], projection_of(view)
     n, m = patches.shape[0], patches.shape[2]
     values, norms = np.empty((n, m), np.float32), np.empty(n)
-    J, JJ, turned = np.empty((n, _RIGID, m), np.float32), np.empty((n, STATE, STATE)), np.empty((n, STATE - _RIGID, 3))
+    J, JJ, turned = (
+        np.empty((n, _RIGID, m), np.float32),
+        np.empty((n, STATE_SIZE, STATE_SIZE)),
+        np.empty((n, STATE_SIZE - _RIGID, 3)),
+    )
     Y, q = np.empty((3, m)), np.empty((2, m))
     for i in range(n):
-        _place_patch(i, person, patches, R, t, a, lens, Y, q)
+        _place_patch(i, person, patches, R, t, a, projection, Y, q)
         for j in range(m):
-            values[i, j], q[0, j], q[1, j] = _read(image, q[0, j], q[1, j])
+            values[i, j], q[0, j], q[1, j] = _bilinear(image, q[0, j], q[1, j])
         for j in range(m):
-            by_pose = differentiate(q[0, j], q[1, j], (Y[0, j], Y[1, j], Y[2, j]), t, lens)
+            by_pose = gradient_by_pose(q[0, j], q[1, j], (Y[0, j], Y[1, j], Y[2, j]), t, projection)
             for k in range(_RIGID):
                 J[i, k, j] = by_pose[k]
         norms[i] = np.sqrt(_center(values[i]))
@@ -146,7 +147,7 @@ def take_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) ->
                     s += J[i, k, j] * J[i, r, j]
                 JJ[i, k, r] = s
                 JJ[i, r, k] = s
-        for k in range(STATE - _RIGID):
+        for k in range(STATE_SIZE - _RIGID):
             x, y, z = rotated(R, units[k, i, 0], units[k, i, 1], units[k, i, 2])
             turned[i, k, 0], turned[i, k, 1], turned[i, k, 2] = x, y, z
             for r in range(_RIGID + k + 1):
@@ -191,27 +192,32 @@ def align(
     its weight (Geman and McClure) where its residual exceeds `robust` times what is usual in this frame."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
-    lens = lens_of(view)
+    projection = projection_of(view)
     R, t, a = prior[0], prior[1], prior[2]
     residual, off = np.empty((n, m), np.float32), np.zeros(n)
     Y, q = np.empty((3, m)), np.empty((2, m))
-    H, G, D, down = np.empty((STATE, STATE)), np.empty(STATE), np.empty((STATE, STATE)), np.empty(STATE)
+    H, G, D, down = (
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty(STATE_SIZE),
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty(STATE_SIZE),
+    )
     usual = 1e9  # at first every patch counts
     for _ in range(iterations):
         total, squared = 1e-9, 0.0
         for i in range(n):
             if active[i] > 0.0:
-                _place_patch(i, person, patches, R, t, a, lens, Y, q)
+                _place_patch(i, person, patches, R, t, a, projection, Y, q)
                 for j in range(m):
-                    residual[i, j] = _read(image, q[0, j], q[1, j])[0]
+                    residual[i, j] = _bilinear(image, q[0, j], q[1, j])[0]
                 off[i] = _compare(residual[i], values[i], norms[i])
                 ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
                 total += active[i] * ratio * ratio
                 squared += active[i] * ratio * ratio * off[i]
         usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
         add_prior(R, t, a, prior, H, G)
-        for r in range(STATE):
-            for c in range(STATE):
+        for r in range(STATE_SIZE):
+            for c in range(STATE_SIZE):
                 D[r, c] = 0.0
         for i in range(n):
             if active[i] <= 0.0:
@@ -223,19 +229,19 @@ def align(
                 for j in range(m):
                     s += J[i, r, j] * residual[i, j]
                 down[r] = s
-            for k in range(STATE - _RIGID):
+            for k in range(STATE_SIZE - _RIGID):
                 down[_RIGID + k] = down[3] * turned[i, k, 0] + down[4] * turned[i, k, 1] + down[5] * turned[i, k, 2]
-            for r in range(STATE):
+            for r in range(STATE_SIZE):
                 G[r] += w * down[r]
-                for c in range(STATE):
+                for c in range(STATE_SIZE):
                     D[r, c] += w * JJ[i, r, c]
-        for r in range(STATE):
-            for c in range(STATE):
+        for r in range(STATE_SIZE):
+            for c in range(STATE_SIZE):
                 H[r, c] += D[r, c]
         step = solve_positive(H, G)
         R, t, a = rotate(-step[:3], R), t - step[3:6], a - step[6:]
         gain = 0.0
-        for k in range(STATE):
+        for k in range(STATE_SIZE):
             gain += step[k] * G[k]
         if gain < tolerance:
             break

@@ -37,19 +37,19 @@ JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss"
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
-_FAR = 4.0
+_LARGEST_MISPLACEMENT = 4.0
 """Pixels of the crop: a landmark that seems further from its place than this is something else."""
-_LEARNED = 0.7
+_MOST_LEARNED = 0.7
 """Share of a look that was learned while the face turned, above which it teaches nothing of the shape: it has the error
 of the pose that was believed then."""
 _SAME_PATCH = 0.9
 """Agreement above which a patch has moved with the face."""
-_TELLING_DEG = (3.0, 14.0)
+_SPECTACLES_TURN_DEG = (3.0, 14.0)
 """Turns from the first frame's view in which spectacles show: nearer everything looks as in the first frame, and
 further on the eyes of people without them look strange as well."""
 SPECTACLES = 0.3
-"""`Person.strangeness` above which there is something before the eyes: 0.5 to 1.2 behind spectacles, else mostly less
-than 0, and 0.5 where somebody frowns."""
+"""`Person.spectacles_evidence` above which there is something before the eyes: 0.5 to 1.2 behind spectacles, else
+mostly less than 0, and 0.5 where somebody frowns."""
 
 
 class Person:
@@ -94,26 +94,26 @@ class Person:
         self.tolerance[JAW] *= s.jaw_tolerance
         self.tolerance[_NOSE] *= s.nose_tolerance
         angle = np.radians(s.appearance_angle_sd_deg)
-        self.plain = np.array([name in _TEMPLES for name in TRACKED])
-        self.least_variance = np.where(self.plain, s.temple_sd, s.location_sd) ** 2
+        self.indistinct = np.array([name in _TEMPLES for name in TRACKED])
+        self.least_variance = np.where(self.indistinct, s.temple_sd, s.location_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
-        self.strangeness: float = before.strangeness if before else 0.0
+        self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
 
     @property
     def arrays(self) -> tuple[Array, Array]:
         """Neutral landmarks and units as the kernels take them."""
         return self.neutral, self.units
 
-    def posed(self, pose: Pose) -> Array:
+    def in_camera(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
-        X: Array = kernels.posed(self.arrays, *pose.arrays)
+        X: Array = kernels.in_camera(self.arrays, *pose.arrays)
         return X
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed. before: the same of the last frame."""
         return closing_of(solution.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
 
-    def adapted(self, level: Level, pose: Pose) -> Float32:
+    def adapted_offset(self, level: Level, pose: Pose) -> Float32:
         """What is added to the means of a level at a pose (n, 128)."""
         adapts = level is self.face.fine and self.adaptation.begun
         return self.adaptation.offset(pose.angles) if adapts else self.adaptation.nothing
@@ -121,13 +121,13 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
         there, and are not the first frame's."""
-        return _mean(self.adaptation.share(solution.pose.angles), solution.facing)
+        return _masked_mean(self.adaptation.share(solution.pose.angles), solution.facing)
 
-    def misplaced(self, level: Level, animation: Array) -> Array:
+    def misplacement_variance(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
         units do. animation: the last frame's: in this frame's guess an error would excuse itself."""
         error = self.settings.unit_error * level.descriptor.pixels_per_unit * (animation - self.rest)
-        variance: Array = kernels.misplaced(self.variance, self.units, error)
+        variance: Array = kernels.misplacement_variance(self.variance, self.units, error)
         return variance
 
     def learn(self, solution: Solution, agreement: Array) -> None:
@@ -135,8 +135,8 @@ class Person:
         s, w = self.settings, solution.w
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         trusted = solution.facing & (w > TRUSTED)
-        _follow(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
-        self._weigh(solution)
+        _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
+        self._learn_locations(solution)
         self._learn_eyes(solution, agreement)
         if s.learn_shape:
             self._learn_shape(solution)
@@ -154,12 +154,12 @@ class Person:
     def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
         """How eyes look that look strange, sooner where they mostly do."""
         s = self.settings
-        low, high = _TELLING_DEG
+        low, high = _SPECTACLES_TURN_DEG
         if low < self._turned_deg(solution) < high:
             eyes, others = (solution.misfit_of(solution.facing & of) for of in (self.eyes, ~self.eyes))
             if 0 < eyes < math.inf and 0 < others < math.inf:
-                self.strangeness += s.spectacles_rate * (math.log(eyes / others) - self.strangeness)
-        least = s.strange_distance if self.strangeness < SPECTACLES else s.spectacles_distance
+                self.spectacles_evidence += s.spectacles_rate * (math.log(eyes / others) - self.spectacles_evidence)
+        least = s.strange_distance if self.spectacles_evidence < SPECTACLES else s.spectacles_distance
         strange = self.eyes & self._strange(solution, agreement, least)
         if strange.any():
             self.adaptation.learn_eyes(solution.pose.angles, solution.residual[strange], strange)
@@ -174,16 +174,19 @@ class Person:
         (tilt, pan), (first_tilt, first_pan) = solution.pose.angles.tolist(), self.adaptation.first.tolist()
         return math.degrees(math.hypot(tilt - first_tilt, pan - first_pan))
 
-    def _weigh(self, solution: Solution) -> None:
+    def _learn_locations(self, solution: Solution) -> None:
         """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
         s = self.settings
-        found, variance = solution.facing & (solution.w > 1e-3), self.least_variance + solution.misplacement(_FAR)
-        _follow(self.variance, 2, variance, found, s.location_rate, 0.0)
+        found, variance = (
+            solution.facing & (solution.w > 1e-3),
+            self.least_variance + solution.squared_misplacement(_LARGEST_MISPLACEMENT),
+        )
+        _update_average(self.variance, 2, variance, found, s.location_rate, 0.0)
 
     def _learn_shape(self, solution: Solution) -> None:
         s, pose = self.settings, solution.pose
         share = self.adaptation.share(pose.angles)
-        if _mean(share, solution.facing) > _LEARNED:
+        if _masked_mean(share, solution.facing) > _MOST_LEARNED:
             return
         tilt, pan = pose.angles
         expression = pose.animation - self.rest
@@ -198,7 +201,7 @@ class Person:
 
 
 @kernel()
-def _follow(means: Any, columns: int, values: Any, of: Any, rate: float, least: float) -> None:
+def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float, least: float) -> None:
     """Move the first columns of means (n, k) by a rate towards values (n,), for those that are `of` (n,), and never
     below the least."""
     for i in range(values.size):
@@ -208,7 +211,7 @@ def _follow(means: Any, columns: int, values: Any, of: Any, rate: float, least: 
             means[i, k] = max(means[i, k], least)
 
 
-def _mean(values: Float32, of: Mask) -> float:
+def _masked_mean(values: Float32, of: Mask) -> float:
     """Mean of the values (n,) that are `of` (n,), 0 where none is."""
     count = np.count_nonzero(of)
     return float(values @ of) / count if count else 0.0

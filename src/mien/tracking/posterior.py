@@ -30,14 +30,14 @@ class Posterior:
 class PosePosterior:
     """Eq. (9) with an appearance that follows the pose, robust, with derivatives; the fields are `kernels.solve`'s.
 
-    maps (H, W, 8) and reading: what the descriptors are read from, and how; person: neutral landmarks and
+    maps (H, W, 8) and sampling: what the descriptors are read from, and how; person: neutral landmarks and
     animation units; appearance: regression, adaptation and systematic error; active (n,): landmarks that take part;
     scale (n,): squared distances at which they lose their weight; prior: predicted state, its information, and the
     rest of the animation; view: camera and crop.
     """
 
     maps: Any
-    reading: tuple[int, float, float, float]
+    sampling: tuple[int, float, float, float]
     person: tuple[Any, ...]
     appearance: tuple[Any, ...]
     active: Array
@@ -53,7 +53,7 @@ class PosePosterior:
     def solve(self, R: Array, t: Array, a: Array, iterations: int, tolerance: float) -> tuple[Any, ...]:
         """`kernels.solve` from a state."""
         solution: tuple[Any, ...] = kernels.solve(
-            np.ascontiguousarray(R), t, a, self.maps, self.reading, self.person, self.appearance, self.active,
-            self.scale, self.prior, self.view, iterations, tolerance, kernels.room_for(len(self.active)),
+            np.ascontiguousarray(R), t, a, self.maps, self.sampling, self.person, self.appearance, self.active,
+            self.scale, self.prior, self.view, iterations, tolerance, kernels.workspace(len(self.active)),
         )  # fmt: skip
         return solution

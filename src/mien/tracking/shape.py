@@ -17,7 +17,7 @@ from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
 from mien.tracking.definite import solve_definite
-from mien.tracking.kernels import STATE, add_landmark, cholesky
+from mien.tracking.kernels import STATE_SIZE, add_landmark, cholesky
 from mien.tracking.state import Mask
 
 _STEEPEST = 6.0
@@ -40,11 +40,11 @@ class ShapePosterior:
         self.start = neutral.copy()
         covariance = prior_covariance(neutral, normals, eyes, R, t, settings)
         self.information = np.linalg.inv(covariance)
-        self.deeper = (_relief(neutral)[:, None] * _rays(neutral, R, t)).ravel()
+        self.deepening = (_relief(neutral)[:, None] * _rays(neutral, R, t)).ravel()
         # Two right sides: the information vector, which the frames fill, and the whole relief.
-        self.asked = np.stack([np.zeros(neutral.size), self.deeper], axis=1)
+        self.right_sides = np.stack([np.zeros(neutral.size), self.deepening], axis=1)
         self.slopes = np.linalg.pinv(np.column_stack([neutral[:, 1], -neutral[:, 0], np.ones(len(neutral))]))[:2]
-        self.seen: dict[tuple[int, int], float] = {}
+        self.visits: dict[tuple[int, int], float] = {}
         self._solve()
 
     @property
@@ -58,21 +58,21 @@ class ShapePosterior:
         worth: in [0, 1], what the frame can teach at best.
         """
         key = (self._bin(tilt), self._bin(pan))
-        count = self.seen.get(key, 0.0)
-        self.seen[key] = count + worth
+        count = self.visits.get(key, 0.0)
+        self.visits[key] = count + worth
         return self.settings.shape_rate * worth / (1 + count)
 
     def add(self, neutral: Array, Lambda: Array, gradient: Array) -> Array:
         """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
         self.information += Lambda
-        self.asked[:, 0] += Lambda @ (neutral - self.start).ravel() - gradient
+        self.right_sides[:, 0] += Lambda @ (neutral - self.start).ravel() - gradient
         self._solve()
         return self.mean
 
     def _solve(self) -> None:
         """Find `mean` and `relief_sd`."""
-        found = solve_definite(self.information, self.asked)
-        self.relief_sd = math.sqrt(self.deeper @ found[:, 1]) / float(self.deeper @ self.deeper)
+        found = solve_definite(self.information, self.right_sides)
+        self.relief_sd = math.sqrt(self.deepening @ found[:, 1]) / float(self.deepening @ self.deepening)
         self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
 
     def _bin(self, angle: float) -> int:
@@ -88,10 +88,10 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
     head axes: the Schur complement of the pose step in the information of both.
     """
     n = B.shape[0]
-    H, G = np.zeros((STATE, STATE)), np.zeros(STATE)
+    H, G = np.zeros((STATE_SIZE, STATE_SIZE)), np.zeros(STATE_SIZE)
     Lambda, gradient = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
-    X = np.empty((STATE, 3 * n))  # the information of pose step and positions together, later L^-1 of it
-    for k in range(STATE):
+    X = np.empty((STATE_SIZE, 3 * n))  # the information of pose step and positions together, later L^-1 of it
+    for k in range(STATE_SIZE):
         H[k, k] = regularizer[k]
     for i in range(n):
         MB = add_landmark(M[i], g[i], B[i], weight[i], H, G)
@@ -102,16 +102,16 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
                 u += weight[i] * B[i, 0, 3 + c] * R[c, r]
                 v += weight[i] * B[i, 1, 3 + c] * R[c, r]
             gradient[3 * i + r] = u * g[i, 0] + v * g[i, 1]
-            for k in range(STATE):
+            for k in range(STATE_SIZE):
                 X[k, 3 * i + r] = u * MB[0, k] + v * MB[1, k]
             for c in range(3):
                 for k in range(3):
                     Lambda[3 * i + r, 3 * i + c] += X[3 + k, 3 * i + r] * R[k, c]
-    for k in range(STATE):
+    for k in range(STATE_SIZE):
         for j in range(k):
             H[k, j] = H[j, k]
     cholesky(H)
-    for k in range(STATE):  # L^-1 G takes the place of G
+    for k in range(STATE_SIZE):  # L^-1 G takes the place of G
         for j in range(k):
             G[k] -= H[k, j] * G[j]
             for c in range(3 * n):
@@ -121,7 +121,7 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
             X[k, c] /= H[k, k]
             gradient[c] -= G[k] * X[k, c]
     for r in range(3 * n):
-        for k in range(0, STATE, 4):  # four at a time, as most of the time goes to fetching them
+        for k in range(0, STATE_SIZE, 4):  # four at a time, as most of the time goes to fetching them
             a, b, c, d = X[k, r], X[k + 1, r], X[k + 2, r], X[k + 3, r]
             for j in range(3 * n):
                 Lambda[r, j] -= a * X[k, j] + b * X[k + 1, j] + c * X[k + 2, j] + d * X[k + 3, j]

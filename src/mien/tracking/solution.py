@@ -40,7 +40,7 @@ class Pose:
 
     @cached_property
     def _seen(self) -> tuple[Array, Array]:
-        ray, angles = kernels.seen_along(CENTRE, self.arrays[0], self.t)
+        ray, angles = kernels.viewing_angles(CENTRE, self.arrays[0], self.t)
         return ray, angles
 
     @property
@@ -61,10 +61,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it."""
+    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it. last: pose in the last
+    frame."""
 
     pose: Pose
     information: Array
+    last: Pose
 
 
 @dataclass(frozen=True)
@@ -87,19 +89,19 @@ class View:
     @cached_property
     def maps(self) -> Float32:
         """Orientation maps of the crop."""
-        return orientation_maps(self.image, self.level.descriptor.cell, self._leaning[0])
+        return orientation_maps(self.image, self.level.descriptor.cell, self._roll_and_scale[0])
 
     @property
-    def reading(self) -> tuple[int, float, float, float]:
+    def sampling(self) -> tuple[int, float, float, float]:
         """How descriptors are read from the maps, as the kernels take it."""
         descriptor = self.level.descriptor
-        return descriptor.cell, descriptor.root, *self._leaning
+        return descriptor.cell, descriptor.root, *self._roll_and_scale
 
     @cached_property
-    def _leaning(self) -> tuple[float, float]:
-        return self.leaning(self.upright)
+    def _roll_and_scale(self) -> tuple[float, float]:
+        return self.roll_and_scale(self.upright)
 
-    def leaning(self, pose: Pose) -> tuple[float, float]:
+    def roll_and_scale(self, pose: Pose) -> tuple[float, float]:
         """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at that for which the crop was made."""
         roll = math.remainder(roll_of(pose.R) - self.crop.angle, math.tau)
         return roll, float(self.pose.t[2] / pose.t[2])
@@ -127,7 +129,7 @@ class Solution:
     expected: Array  # (n,) what d2 is of a look that is as it should be
 
     @cached_property
-    def spread(self) -> Array:
+    def step_covariance(self) -> Array:
         """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
         return inverse_definite(self.H)
 
@@ -142,25 +144,25 @@ class Solution:
         ratio = sorted((self.d2[seen] / self.expected[seen]).tolist())  # for a few numbers faster than NumPy
         return float(ratio[len(ratio) // 2]) if ratio else math.inf
 
-    def seen(self, most: float) -> Mask:
+    def inliers(self, most: float) -> Mask:
         """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
         return np.asarray(self.facing & (self.d2 <= most))
 
     @cached_property
-    def telling(self) -> Array:
+    def distinctive_d2(self) -> Array:
         """Squared distances (m,) of what can be seen and tells a face from what is none: the landmarks without the
         anchors, as plain skin looks like much else."""
         n = len(LANDMARK_NAMES)
         return np.asarray(self.d2[:n][self.facing[:n]])
 
-    def share(self, most: float) -> float:
+    def inlier_share(self, most: float) -> float:
         """Share of the landmarks that can be seen whose squared distance is at most `most`; 0 where these are too few
         to say where a face is."""
-        telling = self.telling
+        telling = self.distinctive_d2
         count = np.count_nonzero(telling <= most)
         return count / len(telling) if count >= _LEAST_LANDMARKS else 0.0
 
-    def misplacement(self, most: float) -> Array:
+    def squared_misplacement(self, most: float) -> Array:
         """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
         puts it, no further than `most`."""
-        return np.asarray(kernels.misplacement(self.M, self.g, most))
+        return np.asarray(kernels.squared_misplacement(self.M, self.g, most))

@@ -73,7 +73,7 @@ class Reference:
         return np.asarray(self.axes_sd * AXES_SCALE)
 
     @cached_property
-    def aside(self) -> float:
+    def obliqueness(self) -> float:
         """Sine of the angle at which the first frame sees the face from the side."""
         return math.sqrt(turn_squared(self.R, ray_rotation(self.ray)))
 
@@ -86,14 +86,14 @@ def state_covariance(
     error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
     relief_sd, learned: see `systematic_covariance`."""
     across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * turn_squared(R, first.R)
-    covariance: Array = _added(
+    covariance: Array = _total_covariance(
         frame_variance(d2, seen), spread, across, systematic_covariance(R, first, relief_sd, learned)
     )
     return covariance
 
 
 @kernel()
-def _added(variance: float, spread: Any, across: float, systematic: Any) -> Any:
+def _total_covariance(variance: float, spread: Any, across: float, systematic: Any) -> Any:
     """Covariance (12, 12): a frame's own, with the translation's scale, and what is wrong in every frame: of the
     translation, by axis across the view, and of the rotation (3, 3)."""
     out = np.empty(spread.shape)
@@ -122,13 +122,13 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
     about the axis of the turn out of that frame's image plane. So does a face of which that frame shows one side, and
     one whose look, by a share `learned`, was learned where the tracker believed it to be when it turned. Where the axes
     are wrong by d, every R is R exp(d), an error of R d, of which the first frame has first.R d."""
-    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.aside, LEARNED_SCALE * learned)
-    covariance: Array = _of_turn_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
+    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.obliqueness, LEARNED_SCALE * learned)
+    covariance: Array = _of_relief_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
     return covariance
 
 
 @kernel()
-def _of_turn_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: float) -> Any:
+def _of_relief_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: float) -> Any:
     """`systematic_covariance`, its turn too large or too small by a share."""
     turned = np.empty(3)  # where the head has what the first frame's ray met
     for i in range(3):
