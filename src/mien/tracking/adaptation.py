@@ -1,14 +1,14 @@
-"""Eq. (7) where the first frame could not say how a landmark would look: at eyes behind spectacles, and where the face
+"""Eq. (7) where the first frame could not show how a landmark would look: at eyes behind spectacles, and where the face
 has turned far.
 
-The views that the appearance is learned from turn what the first frame shows as if it were painted on the skin. A rim
-stands off it, and what a lens reflects stays where it is; and of a cheek that faces away the first frame shows little.
-There means follow what is seen, by an offset that is nil in the first frame's view, to which they stay tied: what looks
-as it should is not adapted, and does not drift.
+The views from which the appearance is learned turn what the first frame shows as if it were painted on the skin. But
+the rim of spectacles stands off the skin, reflections in a lens stay where they are, and the first frame shows little
+of a cheek that faces away. There the means follow what is seen, by an offset that is zero in the first frame's view and
+so tied to it: what looks as it should is not adapted, and does not drift.
 
-Eyes: a linear function of the turn. A turned face: views about the first frame's, each the more the further it is, so
-that what is learned there says nothing of the front. Elsewhere nothing is adapted: it would be a hand at the chin, or a
-grimace, that is learned.
+The offset of the eyes is a linear function of the turn. That of a turned face is interpolated between views around the
+first frame's, each with more weight the further away it is, so that what is learned there says nothing of the front.
+Elsewhere nothing is adapted: it would learn a hand at the chin, or a grimace.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from mien.tracking.state import Mask
 
 _ENTRIES = 128
 _TILTS, _PANS = 5, 9
-"""How many turns from the first frame's view there are at which the look of a turned face is learned."""
+"""Turns from the first frame's view, in tilt and pan, at which the appearance of a turned face is learned."""
 _SPACING = math.radians(20.0)
 _DAMPING = 0.3
 """Of the step: near the first frame's view hardly anything is learned."""
 
 
 class Adaptation:
-    """What is added to the mean descriptors of n landmarks that look strange."""
+    """The offset to the mean descriptors of n landmarks that look strange."""
 
     def __init__(self, n: int, first: Array, settings: RealtimeSettings) -> None:
-        """first: (2,) tilt and pan in radians, as `kernels.view_angles` gives them, of the first frame."""
+        """first: (2,) tilt and pan of the first frame in radians, as of `kernels.view_angles`."""
         self.first = first
         self.settings = settings
         self.slope = np.zeros((2, n * _ENTRIES), np.float32)  # by tilt and by pan
@@ -47,14 +47,14 @@ class Adaptation:
         self.begun = False
 
     def offset(self, angles: Array) -> Float32:
-        """(n, 128) at a tilt and pan (2,)."""
+        """The offset (n, 128) at a tilt and pan (2,)."""
         turn = angles - self.first
         offset = turn.astype(np.float32) @ self.slope
         _add_interpolated(turn, self.near, self.views, offset)
         return np.asarray(offset.reshape(self.nothing.shape))
 
     def share(self, angles: Array) -> Float32:
-        """(n,) how far the look of each landmark at a tilt and pan (2,) is learned here: 0 where it is the first
+        """(n,) how far the appearance of each landmark at a tilt and pan (2,) was learned here: 0 where it is the first
         frame's, 1 where it is what was seen when the face turned there."""
         share = np.zeros(len(self.nothing), np.float32)
         if not self.begun:
@@ -63,8 +63,8 @@ class Adaptation:
         return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
-        """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is what was
-        seen of them less the mean with its offset. The step is that of the normalised least mean squares."""
+        """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is their
+        observed descriptor less the mean with its offset. The step is that of normalised least mean squares."""
         self.begun = True
         turn = angles - self.first
         near = math.radians(self.settings.adaptation_turn_deg)
@@ -73,7 +73,7 @@ class Adaptation:
             slope[strange] += by_angle * residual
 
     def learn_view(self, angles: Array, residual: Float32, strange: Mask) -> None:
-        """The same of a face that has turned away from the first frame's view."""
+        """The same for a face that has turned away from the first frame's view."""
         self.begun = True
         near = _neighbours(angles - self.first, self.near)
         missing = (1 - self.share(angles)) * strange
@@ -87,8 +87,8 @@ class Adaptation:
 
 @kernel()
 def _neighbours(turn: Any, near: float) -> Any:
-    """The four views about a turn (2,) from the first frame's, in tilt and pan, and what each counts there: bilinear
-    between them, and the less the nearer the first frame's view is, within `near` radians."""
+    """The four views around a turn (2,) from the first frame's view, in tilt and pan, and their weights: bilinear, and
+    the smaller the nearer the first frame's view is, within `near` radians."""
     away = 1 - np.exp(-0.5 * (turn[0] * turn[0] + turn[1] * turn[1]) / (near * near))
     row, down = _bracket(turn[0], _TILTS)
     column, right = _bracket(turn[1], _PANS)
@@ -103,7 +103,7 @@ def _neighbours(turn: Any, near: float) -> Any:
 
 @kernel()
 def _add_interpolated(turn: Any, near: float, views: Any, total: Any) -> None:
-    """Add to total (m,) those of the views (v, m) that are about a turn (2,), by what they count."""
+    """Add to total (m,) the views (v, m) around a turn (2,), by their weights."""
     for k, weight in _neighbours(turn, near):
         view, share = views[k], np.float32(weight)
         for i in range(total.size):
@@ -112,7 +112,8 @@ def _add_interpolated(turn: Any, near: float, views: Any, total: Any) -> None:
 
 @kernel()
 def _bracket(angle: float, count: int) -> Any:
-    """Index of the view before an angle, of `count` in a row about 0, and how far it is to the next, in [0, 1]."""
+    """Index of the view before an angle, among `count` of them around 0, and the position between it and the next, in
+    [0, 1]."""
     place = min(max(angle / _SPACING + (count - 1) / 2, 0.0), count - 1.0)
     before = min(int(place), count - 2)
     return before, place - before

@@ -1,12 +1,12 @@
-"""The axes of the head, which the first frame shows to a few degrees, and the shape that is learned better.
+"""The axes of the head, which the first frame shows to a few degrees, and the learned shape a little better.
 
-A face that leans, chin forward or one cheek nearer, looks in one frame like a head that is turned. As turns teach the
-depths they show which of the two it was: where the shape turns out to lean in the model's axes, the head's own axes
-mostly lean with it, by a share that is the regression of one on the other. The axes are then found again as in the
-first frame, of a person who probably looks into the camera there.
+In one frame a face that leans, with the chin forward or one cheek nearer, looks like a head that is turned. As turns
+teach the depths they show which of the two it was: where the shape turns out to lean in the model's axes, the head's
+own axes mostly lean with it, by a share that is the regression of one on the other. The axes are then found again as in
+the first frame, for a person who probably looks into the camera there.
 
-What has been told of the first frame stays, so that a head that comes back has the rotation with which it began. When
-all frames are known, all rotations are turned alike to what is known then of the first.
+The rotation reported for the first frame stays, so that a head that comes back has the rotation with which it began. At
+the end of a file all rotations are turned alike to what is then known of the first.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from mien.tracking.uncertainty import Reference
 _SD_DEG = (3.0, 1.25, 0.8)
 """Standard deviations of a person's own axes (tilt, pan, roll) from those of a model that leans as its shape does."""
 _LEAST = 1e-3
-"""Change of the lean in radians that moves the axes."""
+"""Smallest change of the lean, in radians, that moves the axes."""
 
 
 class HeadAxes:
-    """What later rotations are measured from, and which way they are read.
+    """The reference of later rotations, and the axes in which they are reported.
 
-    first: rotation of the model in the first frame, and how well the axes are known; told: (3, 3) rotation of the head
-    that was told of it; turn: (3, 3), from the axes of the model to those of the head.
+    first: rotation of the model in the first frame, and how well the axes are known; reported: (3, 3) rotation of the
+    head that was reported for it; turn: (3, 3) from the axes of the model to those of the head.
     """
 
     def __init__(self, fit: FirstFrame, R: Array, t: Array, shape: ShapePosterior, settings: RealtimeSettings) -> None:
@@ -46,7 +46,7 @@ class HeadAxes:
         self.learn(shape)
 
     def learn(self, shape: ShapePosterior) -> None:
-        """Find the axes again, of a shape that has been learned further."""
+        """Update the axes to a shape that has been learned further."""
         lean = self.share * shape.lean
         if math.dist(lean.tolist(), self._lean.tolist()) < _LEAST:
             return
@@ -56,8 +56,8 @@ class HeadAxes:
         self.first = replace(self.first, axes_sd=sd)
 
     def rotation(self, R: Array) -> Array:
-        """Rotation (3, 3) of the head where the model has R (3, 3): in the first frame the one that was told, so that
-        what is learned later turns nothing there; what has turned since is read in the axes of the head."""
+        """Rotation (3, 3) of the head where the model has R (3, 3): for the first frame the one that was reported, so
+        that nothing learned later turns it; what has turned since is expressed in the axes of the head."""
         return np.asarray(self.reported @ self.turn.T @ self.first.R.T @ R @ self.turn)
 
     def model_rotation(self, R: Array) -> Array:
@@ -65,7 +65,7 @@ class HeadAxes:
         return np.asarray(self.first.R @ self.turn @ self.reported.T @ R @ self.turn.T)
 
     def tell_anew(self) -> Array:
-        """Tell of the first frame what is known now; returns the rotation (3, 3), in camera axes, that turns all that
-        was told so far to it."""
+        """Report the first frame by what is known now; returns the rotation (3, 3), in camera axes, that corrects
+        everything reported so far."""
         before, self.reported = self.reported, self.first.R @ self.turn
         return np.asarray(self.reported @ before.T)

@@ -1,5 +1,5 @@
-"""Symmetric positive definite systems, for every frame. `numpy.linalg` takes three times as long for a dozen unknowns,
-and wakes a thread for them, which then keeps a second core busy between frames."""
+"""Symmetric positive definite systems in every frame. For a dozen unknowns `numpy.linalg` takes three times as long,
+and wakes a thread that keeps a second core busy between frames."""
 
 from __future__ import annotations
 

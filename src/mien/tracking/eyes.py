@@ -1,11 +1,11 @@
 """How far the eyes have closed since the first frame.
 
-What eyes look like that are half closed and shut is known from the first frame, in which `appearance/eyes.py` closes
-them. In the space of the descriptors a closing eye goes from the look of the first frame by way of the one to the
-other: where along this way is what is seen? The noise about it, from expressions, light or a hand, is different in
-every frame and not known, so the posterior is that of Student's t: a look far beside the way says little, and the
-prior, that eyes are mostly open, and stay closed for a while where they are not, decides. Eyes that look aside are
-drawn as well, and may explain a part.
+`appearance/eyes.py` closes the eyes of the first frame, so it is known how half closed and shut eyes would look. In
+descriptor space a closing eye follows a path from open by way of half closed to shut: where along it is the
+observation? The noise around the path, from expressions, light or a hand, differs from frame to frame and is unknown,
+so the posterior is Student's t: an observation far from the path says little, and the prior decides, which is that eyes
+are mostly open, and stay closed for a while once they are. Eyes that look aside are drawn as well, and may explain a
+part.
 """
 
 from __future__ import annotations
@@ -20,36 +20,39 @@ from mien.compiled import kernel
 from mien.tracking.state import Closing, Mask
 
 _PATH = np.linspace(0, 1.5, 31)
-"""Places on the way: 0 open, 1 where drawn eyes are shut. Real lids change more than drawn ones."""
+"""Positions on the path: 0 open, 1 where drawn eyes are shut. Real lids change more than drawn ones."""
 _SHUT = 1.25
-"""Where real eyes are shut. This and the rest are from eyes whose closing is known (docs/benchmark.md)."""
+"""Position of real eyes that are shut. This and the other constants come from eyes whose closing is known
+(docs/benchmark.md)."""
 _DIMENSIONS = 40
-"""Independent entries in the noise of both eyes' descriptors."""
+"""Independent entries in the noise of the descriptors of both eyes."""
 _BEGINS, _LASTS = 0.05, 0.35
-"""Prior probability that eyes are closing, by any amount: where they were open in the last frame, and shut."""
+"""Prior probability that eyes are closed, by any amount: where they were open in the last frame, and where they were
+shut."""
 _OPEN_SD = 0.05
-"""Standard deviation of what open eyes move along the way."""
+"""Standard deviation of the position of open eyes."""
 _ASIDE = 0.005
-"""Prior probability that eyes look aside, times Occam's factor for how far is not known."""
+"""Prior probability that eyes look aside, times the Occam factor of the unknown amount."""
 _LEAST_SD, _SHARE_SD = 0.05, 0.25
-"""Error of the way itself: standard deviation, and its growth with how far the eyes have closed."""
+"""Error of the path itself: its standard deviation, and the growth of that with the closing."""
 _LEAST_CHANGE = 0.01
-"""Squared change of the descriptors below which the first frame's eyes were closed already."""
+"""Squared change of the descriptors below which the eyes were closed in the first frame already."""
 
 _HALF, _BEYOND = np.minimum(2 * _PATH, 1.0), np.maximum(2 * _PATH - 1, 0.0)
 _BESIDE = np.stack([np.ones(len(_PATH)), _BEYOND - _HALF, -_BEYOND], axis=1)
-"""(31, 3): what is seen, less half closed and shut eyes by their shares, is what lies beside each place."""
+"""(31, 3): combinations of the observation with half closed and shut eyes that give its deviation from each
+position."""
 _OPEN = np.exp(-0.5 * (_PATH / _OPEN_SD) ** 2)
 _OPEN /= _OPEN.sum()
 _CLOSED = np.minimum(_PATH / _SHUT, 1.0)
 
 
 def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing | None = None) -> Closing | None:
-    """How far eyes have closed that look so; None where nothing of them is seen, or they were closed to begin with.
+    """How far eyes have closed; None where they are not seen, or were closed in the first frame.
 
-    residual (n, 128): what was seen of their landmarks less what was expected; changes (4, n, 128): what eyes add to
-    that which are half closed, shut, look to one side, and to the other; seen (n,): landmarks that face the camera;
-    before: how far they had closed in the last frame.
+    residual (n, 128): observed less expected descriptors of the landmarks; changes (4, n, 128): changes of the
+    descriptors when eyes are half closed, shut, looking to one side, and to the other; seen (n,): landmarks that face
+    the camera; before: the closing in the last frame.
     """
     products = _gram_matrix(residual, changes, seen)
     if products[2, 2] < _LEAST_CHANGE:
@@ -60,7 +63,7 @@ def closing_of(residual: Float32, changes: Float32, seen: Mask, before: Closing 
 
 @kernel()
 def _gram_matrix(residual: Any, changes: Any, seen: Any) -> Any:
-    """Products (5, 5) of the looks with each other: what is seen, and the four that are known."""
+    """Products (5, 5) of the observation and the four known changes with each other."""
     products = np.zeros((5, 5))
     for i in range(seen.size):
         if not seen[i]:
@@ -79,7 +82,7 @@ def _gram_matrix(residual: Any, changes: Any, seen: Any) -> Any:
 
 @kernel()
 def _closing_moments(products: Any, before: float) -> Any:
-    """Mean and variance of how far the eyes have closed, from those products (5, 5) and how far they had before."""
+    """Mean and variance of the closing, from the Gram matrix (5, 5) and the last frame's closing."""
     # What glances explain of the looks, by any amount, is taken off; where both look alike there is no inverse.
     a, b, c = products[3, 3] + 1e-9, products[3, 4], products[4, 4] + 1e-9
     determinant = 1.002 * a * c - b * b
@@ -109,7 +112,8 @@ def _closing_moments(products: Any, before: float) -> Any:
 
 @kernel()
 def _log_likelihood(beside: Any, products: Any) -> Any:
-    """Of a place on the way, beside which lies what `beside` (3,) combines of the looks with these products."""
+    """Log-likelihood of a position on the path, from which the observation deviates by the combination `beside` (3,) of
+    what these products are of."""
     squared = 0.0
     for i in range(3):
         for j in range(3):

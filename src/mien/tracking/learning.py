@@ -31,22 +31,23 @@ CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
 _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
-"""What eyes do, in turn, in every so many views: half closed, shut, looking to one side and to the other."""
+"""What the eyes do in the views that show them moved, in turn: half closed, shut, looking to either side."""
 _EYE_VIEWS = 4
 _CLEAR = 0.5
-"""Depth behind the face's own surface, over that at which a landmark is hidden, beyond which nothing is learned."""
+"""Depth behind the face's own surface, as a share of the depth at which a landmark is hidden, beyond which a view
+teaches nothing of it."""
 _LIT_VIEWS = 2
-"""Every so many views are drawn in another light too. What light changes is no matter of the mean: with a random light
-in each view, the mean would be as random."""
+"""One view in so many is rendered in another light, too. Light goes into the covariance, not into the mean: with a
+random light in each view, the mean would be as random."""
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
-"""Landmarks beside which skin stays when they move: the patches whose motion is measured are small there."""
+"""Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of the appearance: how the crop is made, what its descriptors look like by pose, and what eyes
-    add to them (4, n, 128) that do what `_EYES` says. views: tilts and pans (2, k) in radians of the k by k views;
-    behind: (k, k, n) how far behind the face's own surface each landmark lies there, CANDIDE units."""
+    """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
+    descriptors when the eyes do what `_EYES` says. views: tilts and pans (2, k) in radians of the k x k views; behind:
+    (k, k, n) how far each landmark lies behind the face's own surface there, CANDIDE units."""
 
     descriptor: DescriptorSettings
     size: int
@@ -56,24 +57,24 @@ class Level:
     behind: Float32
 
     def depth_behind(self, angles: Array) -> Float32:
-        """How far (n,) the landmarks lie behind the face's own surface, by the view nearest to a tilt and pan (2,)."""
+        """How far (n,) the landmarks lie behind the face's own surface in the view nearest to a tilt and pan (2,)."""
         return np.asarray(self.behind[_nearest(self.views[0], angles[0]), _nearest(self.views[1], angles[1])])
 
     def lack_of_fit(self, angles: Array) -> Float32:
-        """Squared distance (n,) between what landmarks look like at a tilt and pan (2,) and what the appearance says
-        there, of the nearest four views, weighed by how near they are."""
+        """Squared distance (n,) between rendered and predicted descriptors at a tilt and pan (2,), interpolated between
+        the nearest four views."""
         k = self.views.shape[1]
         fit: Float32 = _bilinear_lookup(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
         return fit
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
-        """The crop of a frame that holds a face at a pose, upright for the face."""
+        """The crop of a frame for a face at a pose, with the scale and the roll of the face."""
         return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
 
 
 @kernel()
 def _nearest(views: Any, angle: float) -> int:
-    """Which of the views' angles (k,) is nearest to one."""
+    """Index of the view angle (k,) nearest to an angle."""
     nearest = 0
     for k in range(views.size):
         if abs(views[k] - angle) < abs(views[nearest] - angle):
@@ -83,8 +84,8 @@ def _nearest(views: Any, angle: float) -> int:
 
 @kernel()
 def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
-    """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,): bilinear between the
-    nearest four views, and constant beyond the last."""
+    """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,), by bilinear
+    interpolation; constant beyond the last view."""
     row, down = _bracket(views[0], angles[0])
     column, right = _bracket(views[1], angles[1])
     a, b, c, d = table[row, column], table[row, column + 1], table[row + 1, column], table[row + 1, column + 1]
@@ -96,8 +97,8 @@ def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
 
 @kernel()
 def _bracket(views: Any, angle: float) -> Any:
-    """Index of the view before an angle, of those at increasing angles (k,), and how far it is to the next one, in
-    [0, 1]."""
+    """Index of the view before an angle, among increasing angles (k,), and the position between it and the next, in [0,
+    1]."""
     k = 0
     while k < views.size - 2 and views[k + 1] <= angle:
         k += 1
@@ -106,8 +107,8 @@ def _bracket(views: Any, angle: float) -> Any:
 
 @dataclass(frozen=True)
 class LearnedFace:
-    """What training gives: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
-    relative to it, in head axes; coarse and fine levels."""
+    """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
+    relative to it, in head axes; the coarse and the fine level."""
 
     neutral: Array
     normals: Array
@@ -136,8 +137,8 @@ def learn_face(
 
 @dataclass(frozen=True)
 class _PosedFace:
-    """The first frame's face: points and normals (n, 3) in head axes; the part of the frame that shows it, as it is and
-    as `_EYES` says, its camera, and the grey of what is behind."""
+    """The face of the first frame: points and normals (n, 3) in head axes; the part of the frame that shows it, as it
+    is and with the eyes moved as `_EYES` says, its camera, and the grey value behind it."""
 
     frame: Frame
     eyes: tuple[Frame, ...]
@@ -198,15 +199,16 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
 
 
 def _depth_behind(points: Array, depth: Image, camera: Camera) -> Array:
-    """How far (n,) points (n, 3) in camera axes lie behind a surface with this depth (H, W) in the image; minus
-    infinity where there is none."""
+    """How far (n,) points (n, 3) in camera axes lie behind a surface with this depth image (H, W); minus infinity where
+    there is no surface."""
     last = np.array(depth.shape[::-1]) - 1
     x, y = np.clip(np.round(camera.project(points)[0]), 0, last).astype(int).T
     return np.asarray(points[:, 2] - depth[y, x])
 
 
 def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Camera]:
-    """The part of a frame that shows the surface, and its camera: what learning costs depends on the face alone."""
+    """The part of a frame that shows the surface, and its camera, so that the cost of training depends on the face
+    alone."""
     pixels, size = camera.project(surface.vertices)[0], np.array([frame.width, frame.height])
     x0, y0 = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, size - 1)
     x1, y1 = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 1, size)
@@ -216,12 +218,12 @@ def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Cam
 
 
 def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
-    """The surface with the first frame on it, or a frame made from it."""
+    """The surface textured with the first frame, or with a picture made from it."""
     return texture_of_vertices(frame, face.surface.vertices, float(face.fit.t[2]), face.camera, pixels_per_unit)
 
 
 def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: float) -> Frame:
-    """The frame with both eyes, of the landmarks' image points (n, 2), closed or turned to the right of the image."""
+    """The frame with both eyes, at the landmarks' image points (n, 2), closed or turned to the right of the image."""
     pixels = frame.pixels
     for side in ("right", "left"):
         outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in _EYE)
@@ -231,7 +233,8 @@ def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: 
 
 
 def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:
-    """Grids (n, m, 3) of the surface around points (n, 3), camera axes, even in the first frame's image."""
+    """Grids (n, m, 3) of points on the surface around points (n, 3), camera axes, regular in the first frame's
+    image."""
     side = np.linspace(-1, 1, settings.motion_grid) * camera.focal_px / fit.t[2]
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     half = np.full(len(points), settings.motion_patch)
@@ -244,14 +247,14 @@ def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera
 
 
 def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> Array:
-    """Brightness (V,) of a matt surface with normals (V, 3) in camera axes, lit from a random side."""
+    """Brightness (V,) of a matt surface with normals (V, 3) in camera axes, lit from a random direction."""
     direction = np.append(rng.standard_normal(2), 0.0)
     direction *= contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)
     return np.asarray(np.exp(normals @ direction))
 
 
 def _normals_at(points: Array, surface: Surface, camera: Camera) -> Array:
-    """Normals (n, 3) in camera axes of the face's vertices that are nearest to the points in the image."""
+    """Normals (n, 3) in camera axes at the vertices of the face that are nearest to the points in the image."""
     face = surface.vertices[: surface.face]
     normals = vertex_normals(surface.vertices, surface.triangles)[: surface.face]
     p, q = camera.project(face)[0], camera.project(points)[0]

@@ -1,14 +1,14 @@
-"""Motion since the last frame, measured: direct alignment of the patches that the last frame showed.
+"""The motion since the last frame, measured by direct alignment of the patches that the last frame showed.
 
-Descriptors say where the face is to a fifth of a degree, differently in every frame; the pixels themselves say to a
-fraction of that how it has moved since the last frame, but the small errors of what they say add up. Eq. (4) takes the
-state to stay where it was. Here it moves with the pixels, and Psi is the uncertainty of that motion: the descriptors
-correct the sum of the motions, and the motions take the noise out of the descriptors. Nothing is delayed, since a
-motion is measured in the frame in which it happens.
+Descriptors locate the face to a fifth of a degree, with an error that differs from frame to frame. The pixels measure
+the motion since the last frame to a fraction of that, but the errors of such measurements add up. Eq. (4) takes the
+state to stay where it was; here it moves with the pixels, and Psi is the uncertainty of that motion: the descriptors
+correct the sum of the motions, and the motions remove the noise of the descriptors. Nothing is delayed, since a motion
+is measured in the frame in which it happens.
 
 After B. Lucas and T. Kanade, An iterative image registration technique, IJCAI 1981, with the warp that the pose makes
-(S. Baker and I. Matthews, Lucas-Kanade 20 years on, IJCV 56, 2004), gradients of the last frame, and the brightness
-and contrast of each patch left free.
+(S. Baker and I. Matthews, Lucas-Kanade 20 years on, IJCV 56, 2004), gradients of the last frame, and the brightness and
+contrast of each patch left free.
 """
 
 from __future__ import annotations
@@ -37,16 +37,14 @@ from mien.tracking.kernels import (
 from mien.tracking.prior import JAW_DROP
 
 _RIGID = 6
-"""Numbers of a pose step that turn and move the head, before those of the animation."""
+"""Entries of a pose step that rotate and translate the head, before those of the animation."""
 _LEAST_GREY = 1.0
-"""Grey values: patches that agree better than this agree by chance."""
+"""Grey values: a smaller residual is due to chance."""
 
 
 class Motion:
-    """The patches around the landmarks as the last frame showed them.
-
-    weight: (n,) how far each counts when motion is measured.
-    """
+    """The patches around the landmarks in the last frame, and their alignment with the next. weight: (n,) how far each
+    patch counts in the next measurement."""
 
     def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
         """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
@@ -73,8 +71,8 @@ class Motion:
     def measure(
         self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]
     ) -> tuple[tuple[Array, Array, Array], Array]:
-        """The pose (R, t, animation) at which a crop shows the patches best, and the covariance (12, 12) of a step
-        away from it, in units of the energy of Eq. (9); prior: predicted pose and information, as `kernels.solve`'s."""
+        """The pose (R, t, animation) at which a crop shows the patches best, and the covariance (12, 12) of a step from
+        it, in units of the energy of Eq. (9). prior: predicted pose and information, as `kernels.solve`'s."""
         s = self.settings
         R, t, a, information = align(
             image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
@@ -83,7 +81,7 @@ class Motion:
         return (R, t, a), inverse_definite(information / s.motion_noise + prior[3])
 
     def drift(self, step: Array) -> Array:
-        """Variances (12,) of the systematic error of a measured step (12,): a part of the step, and a little always."""
+        """Variances (12,) of the systematic error of a measured step (12,): a share of the step, and a constant."""
         s = step.tolist()
         turned, moved = math.hypot(*s[:3]), math.hypot(*s[3:6])
         length = np.array([turned, turned, turned, moved, moved, moved, *s[6:]])
@@ -92,7 +90,7 @@ class Motion:
 
 @kernel()
 def _bilinear(image: Any, x: float, y: float) -> Any:
-    """Bilinear value at a point and its derivatives by the point; beyond the edge the edge repeats."""
+    """Bilinear value of an image at a point, and its derivatives by the point; beyond the border the border repeats."""
     height, width = image.shape
     x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
     ix, iy = int(x), int(y)
@@ -104,7 +102,7 @@ def _bilinear(image: Any, x: float, y: float) -> Any:
 
 @kernel(inline="always")  # so that it runs several points at a time
 def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, projection: Any, Y: Any, q: Any) -> None:
-    """The points of patch i: Y (3, m) turned into camera axes but not moved, and q (2, m) in the crop."""
+    """The points of patch i: Y (3, m), rotated into camera axes but not translated, and q (2, m), in the crop."""
     x, y, z = landmark(i, person, a)
     for j in range(q.shape[1]):
         here = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
@@ -114,11 +112,11 @@ def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, proj
 
 @kernel()
 def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
-    """Of patches (n, 3, m): values (n, m) less their mean, norms (n,), derivatives (n, 6, m) by rotation and
-    translation less the mean, the sums (n, 12, 12) of the products of those by the whole pose step, and the units
-    (n, 6, 3) in camera axes.
+    """Values (n, m) of patches (n, 3, m) less their mean, norms (n,), derivatives (n, 6, m) by rotation and translation
+    less their mean, sums (n, 12, 12) of the products of the derivatives by the whole pose step, and the units (n, 6, 3)
+    in camera axes.
 
-    All points of a patch move alike with the units: the derivatives by these are sums of those by translation.
+    All points of a patch move alike with the units, so that the derivatives by these are sums of those by translation.
     """
     R, t, a = pose
     units, projection = person[1], projection_of(view)
@@ -159,7 +157,7 @@ def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any)
 
 @kernel()
 def _center(x: Any) -> Any:
-    """Take its mean off an array (m,); returns the sum of squares of what is left."""
+    """Subtract its mean from an array (m,); returns the sum of squares of the rest."""
     mean, squared = np.float32(0.0), np.float32(0.0)
     for j in range(x.size):
         mean += x[j]
@@ -172,8 +170,8 @@ def _center(x: Any) -> Any:
 
 @kernel()
 def _compare(patch: Any, values: Any, norm: float) -> Any:
-    """Make the brightness and contrast of a patch (m,) the last frame's, and take off what was seen then; returns the
-    mean square of what is left."""
+    """Give a patch (m,) the brightness and contrast of the last frame's and subtract the values seen there; returns the
+    mean square of the residual."""
     contrast = np.float32(min(max(norm / np.sqrt(_center(patch) + 1e-9), 0.5), 2.0))
     squared = np.float32(0.0)
     for j in range(values.size):
@@ -187,9 +185,9 @@ def align(
     image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
     iterations: int, tolerance: float,
 ) -> Any:  # fmt: skip
-    """Gauss-Newton from the prior's pose, with the derivatives of the last frame: returns R, t, a and the information
-    (12, 12) of the pixels, taken as independent; stops where a step promises a gain below `tolerance`. A patch loses
-    its weight (Geman and McClure) where its residual exceeds `robust` times what is usual in this frame."""
+    """Gauss-Newton from the prior's pose, with the derivatives of the last frame, until a step promises a gain below
+    `tolerance`. Returns R, t, a and the information (12, 12) of the pixels, taken as independent. A patch loses its
+    weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
     projection = projection_of(view)

@@ -1,4 +1,4 @@
-"""What is known of a face but for where it is: learned in the first frame, and better known while it is tracked."""
+"""What is known of a face apart from its pose: learned in the first frame, and refined while it is tracked."""
 
 from __future__ import annotations
 
@@ -29,37 +29,38 @@ _ANCHORS = {
     "right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2, **_TEMPLES
 }  # fmt: skip
 TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
-"""Names and vertices of what is tracked: the landmarks, and after them anchors that are not reported. These lie far
-apart, and away from the eyes, which spectacles hide. Light and hair move the look of the temples: their places are
-believed less."""
+"""Names and vertices of what is tracked: the landmarks, then anchors, which are not reported. Anchors lie far apart,
+and away from the eyes, which spectacles cover. The positions of the temples are trusted less, since light and hair
+change how they look."""
 JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
 """Landmarks that the jaw carries."""
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
 _LARGEST_MISPLACEMENT = 4.0
-"""Pixels of the crop: a landmark that seems further from its place than this is something else."""
+"""Pixels of the crop: what is found further from where the pose puts a landmark is something else."""
 _MOST_LEARNED = 0.7
-"""Share of a look that was learned while the face turned, above which it teaches nothing of the shape: it has the error
-of the pose that was believed then."""
+"""Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
+the pose errors of the frames that it was learned from."""
 _SAME_PATCH = 0.9
-"""Agreement above which a patch has moved with the face."""
+"""Agreement (see `PatchHistory`) above which a patch has moved with the face."""
 _SPECTACLES_TURN_DEG = (3.0, 14.0)
-"""Turns from the first frame's view in which spectacles show: nearer everything looks as in the first frame, and
-further on the eyes of people without them look strange as well."""
+"""Turns from the first frame at which spectacles can be told: nearer to it everything looks as it did there, and
+further away everybody's eyes look strange."""
 SPECTACLES = 0.3
-"""`Person.spectacles_evidence` above which there is something before the eyes: 0.5 to 1.2 behind spectacles, else
-mostly less than 0, and 0.5 where somebody frowns."""
+"""`Person.spectacles_evidence` above which the person wears some: it is 0.5 to 1.2 then, otherwise mostly below 0, and
+up to 0.5 where somebody frowns."""
 
 
 class Person:
-    """Where n landmarks are in the head and what moves them, how they look, and how far either is usually off.
+    """The shape and the appearance of n landmarks, and how far either is usually wrong.
 
-    neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of a look that is
-    as it should be; tolerance: (n,) how much further it may be; variance: (n, 4) systematic error of a landmark's place
-    in pixels of the crop and of the angles that its patch shows; eyes, mouth, plain: (n,) those of the eyes, those of
-    mouth and chin, whose look changes as they move, those that look much alike on all faces; strangeness: how much
-    stranger the eyes mostly look than the rest of the face when it turns, logarithm of the ratio of their distances.
+    neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of the usual
+    appearance; tolerance: (n,) factor of it at which a robust weight is a quarter; variance: (n, 4) of the systematic
+    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; eyes, mouth,
+    indistinct: (n,) which landmarks belong to the eyes, to mouth and chin, whose appearance changes as they move, and
+    which look alike on all faces; spectacles_evidence: logarithm of how much stranger the eyes look than the rest of a
+    turned face, as a ratio of distances.
     """
 
     def __init__(
@@ -71,8 +72,8 @@ class Person:
         settings: RealtimeSettings,
         before: Person | None = None,
     ) -> None:
-        """Learn the face of the first frame. before: what an earlier pass over the same frames has learned: its shape
-        and what it has learned in that first frame are kept."""
+        """Learn the face of the first frame. before: the person as an earlier pass over the same frames knew it, whose
+        shape and first appearance are kept."""
         s, n, vertices = settings, len(TRACKED), list(TRACKED.values())
         self.settings, self.rest = s, fit.animation
         self.face: LearnedFace = before.face if before else learn_face(frame, landmarks, fit, camera, vertices, s)
@@ -110,28 +111,28 @@ class Person:
         return X
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
-        """How far the eyes have closed. before: the same of the last frame."""
+        """How far the eyes have closed. before: the last frame's."""
         return closing_of(solution.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
 
     def adapted_offset(self, level: Level, pose: Pose) -> Float32:
-        """What is added to the means of a level at a pose (n, 128)."""
+        """What adaptation adds to the means (n, 128) of a level at a pose."""
         adapts = level is self.face.fine and self.adaptation.begun
         return self.adaptation.offset(pose.angles) if adapts else self.adaptation.nothing
 
     def learned_share(self, solution: Solution) -> float:
-        """Mean, over the landmarks that face the camera, of how far their looks there were learned when the face turned
-        there, and are not the first frame's."""
+        """How much of the appearance at a solution was learned in turns: the mean over the landmarks that face the
+        camera."""
         return _masked_mean(self.adaptation.share(solution.pose.angles), solution.facing)
 
     def misplacement_variance(self, level: Level, animation: Array) -> Array:
-        """Variance (n, 4) of each landmark's systematic error: what is measured, and that no face moves just as the
-        units do. animation: the last frame's: in this frame's guess an error would excuse itself."""
+        """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
+        no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
         error = self.settings.unit_error * level.descriptor.pixels_per_unit * (animation - self.rest)
         variance: Array = kernels.misplacement_variance(self.variance, self.units, error)
         return variance
 
     def learn(self, solution: Solution, agreement: Array) -> None:
-        """From a frame in which the face looks as it should. agreement: (n,) of each patch with the motion before."""
+        """Learn from a frame in which the face looks familiar. agreement: (n,) see `PatchHistory`."""
         s, w = self.settings, solution.w
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         trusted = solution.facing & (w > TRUSTED)
@@ -142,8 +143,8 @@ class Person:
             self._learn_shape(solution)
 
     def learn_view(self, solution: Solution, agreement: Array) -> None:
-        """How the face looks where it has turned away from the first frame's view: from a frame in which it is known to
-        be the same face, however strange it looks. agreement: (n,) of each patch with the motion before."""
+        """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
+        from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""
         s = self.settings
         if self._turned_deg(solution) <= s.view_turn_deg:
             return
@@ -152,7 +153,7 @@ class Person:
             self.adaptation.learn_view(solution.pose.angles, solution.residual[strange], strange)
 
     def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
-        """How eyes look that look strange, sooner where they mostly do."""
+        """Learn the appearance of eyes that look strange, sooner if the person wears spectacles."""
         s = self.settings
         low, high = _SPECTACLES_TURN_DEG
         if low < self._turned_deg(solution) < high:
@@ -165,17 +166,17 @@ class Person:
             self.adaptation.learn_eyes(solution.pose.angles, solution.residual[strange], strange)
 
     def _strange(self, solution: Solution, agreement: Array, least: float) -> Mask:
-        """Landmarks (n,) that have moved with the face and look stranger than `least` times the expected distance."""
+        """Landmarks (n,) that have moved with the face and whose distance is beyond `least` times the expected one."""
         moved_along = solution.facing & (agreement > _SAME_PATCH)
         return np.asarray(moved_along & (solution.d2 > least * self.expected))
 
     def _turned_deg(self, solution: Solution) -> float:
-        """How far the face has turned from the first frame's view."""
+        """Turn of the face away from the first frame's view."""
         (tilt, pan), (first_tilt, first_pan) = solution.pose.angles.tolist(), self.adaptation.first.tolist()
         return math.degrees(math.hypot(tilt - first_tilt, pan - first_pan))
 
     def _learn_locations(self, solution: Solution) -> None:
-        """A landmark that is often found beside where the pose puts it says less of the pose from now on."""
+        """Trust a landmark less that is often found beside where the pose puts it."""
         s = self.settings
         found, variance = (
             solution.facing & (solution.w > 1e-3),
@@ -202,8 +203,8 @@ class Person:
 
 @kernel()
 def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float, least: float) -> None:
-    """Move the first columns of means (n, k) by a rate towards values (n,), for those that are `of` (n,), and never
-    below the least."""
+    """Moving average of the first columns of means (n, k) by values (n,), for those that are `of` (n,); never below
+    `least`."""
     for i in range(values.size):
         for k in range(columns):
             if of[i]:
@@ -212,6 +213,6 @@ def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float,
 
 
 def _masked_mean(values: Float32, of: Mask) -> float:
-    """Mean of the values (n,) that are `of` (n,), 0 where none is."""
+    """Mean of the values (n,) that are `of` (n,), 0 if there are none."""
     count = np.count_nonzero(of)
     return float(values @ of) / count if count else 0.0

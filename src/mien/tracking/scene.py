@@ -1,5 +1,5 @@
-"""What surrounds the face. A picture that dissolves into another one changes there too; a hand before the face, or a
-grimace, does not change it."""
+"""The surroundings of the face. A dissolve into another picture changes them; a hand before the face, or a grimace,
+does not."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from mien.frame import Frame
 from mien.geometry.rotation import Array
 
 _ROWS, _COLUMNS = 24, 32
-"""Cells of the grid, at least, where the frame has as many pixels."""
+"""Least number of grid cells in frames that have as many pixels."""
 _SAME_SHOT = 0.7
-"""Correlation of a picture with the one before it below which there was a cut: in thirteen recordings 0.82 and more."""
+"""Correlation of a picture with the one before below which there was a cut: in thirteen recordings it is 0.82 and
+more."""
 _LEAST_AROUND = 0.08
-"""Share of the grid's cells that have to lie around the face for anything to be said of them."""
+"""Least share of the grid that has to lie around the face for a verdict."""
 
 
 class Scene:
     """The last frames, each as a coarse grid."""
 
     def __init__(self, look_back: int) -> None:
-        """look_back: frames after which the scene is compared with itself."""
+        """look_back: number of frames after which the scene is compared with itself."""
         self.seen: deque[NDArray[np.uint16]] = deque(maxlen=look_back + 1)
 
     def remember(self, frame: Frame) -> None:
-        """Keep the grid of a frame: of each cell the sum of four pixels, a quarter and three quarters along its sides.
-        The noise of a single one would hide a plain background."""
+        """Keep the grid of a frame: per cell the sum of four pixels, at a quarter and three quarters of its sides. The
+        noise of a single pixel would hide a plain background."""
         down, across = _cell(frame)
         rows, columns = frame.height // down, frame.width // across
         image = frame.brightness[: rows * down, : columns * across]
@@ -41,8 +42,8 @@ class Scene:
         self.seen.append(total)
 
     def correlation(self, frame: Frame, face: Array, radius: float) -> float:
-        """How the surroundings in the last frame that was remembered, `frame`, agree with those `look_back` frames
-        before: what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything, and where
+        """Correlation of the surroundings in the frame remembered last, `frame`, with those `look_back` frames before:
+        of what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything, and where the
         frames differ in size."""
         rows, columns = self.seen[-1].shape
         down, across = _cell(frame)
@@ -56,7 +57,7 @@ class Scene:
 
 
 def numbered_by_shot(frames: Iterable[Frame]) -> Iterator[tuple[int, Frame]]:
-    """Each frame with how many cuts there were before it."""
+    """Each frame, with the number of cuts before it."""
     scene, cuts = Scene(look_back=1), 0
     for frame in frames:
         scene.remember(frame)
@@ -65,10 +66,10 @@ def numbered_by_shot(frames: Iterable[Frame]) -> Iterator[tuple[int, Frame]]:
 
 
 def _quarters(length: int) -> tuple[int, int]:
-    """A quarter and three quarters along a side."""
+    """A quarter and three quarters of a length."""
     return length // 4, 3 * length // 4
 
 
 def _cell(frame: Frame) -> tuple[int, int]:
-    """Height and width in pixels of a cell of the grid."""
+    """Height and width of a grid cell in pixels."""
     return max(frame.height // _ROWS, 1), max(frame.width // _COLUMNS, 1)

@@ -1,8 +1,8 @@
-"""Shape as a latent variable: a Gaussian over the landmarks' positions that every frame sharpens.
+"""Shape as a latent variable: a Gaussian over the positions of the landmarks that every frame sharpens.
 
-The depth of a face cannot be seen in one frontal frame, and it rules the error of the pose. Each frame adds
-the information of its own measurements with pose and animation marginalised (an information filter); frames of
-nearly the same pose repeat each other's systematic errors and count for less and less.
+A single frontal frame does not show the depth of a face, which dominates the error of the pose. Each frame adds the
+information of its own measurements, with pose and animation marginalised (an information filter). Frames at nearly the
+same pose repeat each other's systematic errors, and count for less and less.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from mien.tracking.kernels import STATE_SIZE, add_landmark, cholesky
 from mien.tracking.state import Mask
 
 _STEEPEST = 6.0
-"""Slope of the surface beyond which its depth is no more uncertain."""
+"""Slope of the surface beyond which its depth does not become less certain."""
 
 
 class ShapePosterior:
-    """Information form of a Gaussian over n landmarks' positions (n, 3), head axes, CANDIDE units.
+    """Gaussian over the positions (n, 3) of n landmarks, head axes, CANDIDE units, in information form.
 
-    mean: the positions (n, 3) that are most likely now; relief_sd: standard deviation of the share by which the whole
-    relief is still too deep or too flat.
+    mean: (n, 3); relief_sd: standard deviation of the share by which the whole relief may still be too deep or too
+    flat.
     """
 
     def __init__(
         self, neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
     ) -> None:
-        """neutral, normals (n, 3), and which of them belong to eyes and brows, eyes (n,); R, t: pose of the first
+        """neutral, normals: (n, 3); eyes: (n,) which landmarks belong to eyes and brows; R, t: pose of the first
         frame."""
         self.settings = settings
         self.start = neutral.copy()
@@ -49,13 +49,13 @@ class ShapePosterior:
 
     @property
     def lean(self) -> Array:
-        """(2,) radians of tilt and pan by which the depths lean from those of the first frame."""
+        """(2,) tilt and pan in radians by which the depths lean away from those of the first frame."""
         return np.asarray(self.slopes @ (self.mean - self.start)[:, 2])
 
     def novelty(self, tilt: float, pan: float, worth: float) -> float:
-        """How much of a frame's information at this pose (radians) is new, in [0, 1]; counts the frame.
+        """Share in [0, 1] of a frame's information at this pose (radians) that is new; counts the frame.
 
-        worth: in [0, 1], what the frame can teach at best.
+        worth: in [0, 1], how much the frame can teach at best.
         """
         key = (self._bin(tilt), self._bin(pan))
         count = self.visits.get(key, 0.0)
@@ -81,11 +81,11 @@ class ShapePosterior:
 
 @kernel()
 def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: Any) -> Any:
-    """What one frame says of the landmarks' positions, the pose and animation marginalised.
+    """Information of one frame on the positions of the landmarks, with pose and animation marginalised.
 
     B (n, 4, 12), M (n, 4, 4), g (n, 4): as left by `kernels.solve`; weight (n,); R (3, 3); regularizer (12,):
-    information of the pose step's own prior. Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in
-    head axes: the Schur complement of the pose step in the information of both.
+    information of the pose step's own prior. Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in head
+    axes: the Schur complement of the pose step in the joint information.
     """
     n = B.shape[0]
     H, G = np.zeros((STATE_SIZE, STATE_SIZE)), np.zeros(STATE_SIZE)
@@ -131,11 +131,11 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
 def prior_covariance(
     neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
 ) -> Array:
-    """(3n, 3n): what the first frame leaves open. Along its rays much, across them little.
+    """(3n, 3n): what the first frame leaves open, which is much along its rays and little across them.
 
-    Depths err together where landmarks are near or mirror each other, and more the steeper the surface is there; the
-    relief of the whole face may be too deep or too flat; and eyes and brows may lie deeper than thought, or spectacles
-    stand off before them.
+    Depths err together where landmarks are near or mirror each other, and more on steep surfaces; the relief of the
+    whole face may be too deep or too flat; and eyes and brows may lie deeper than expected, or spectacles stand off
+    before them.
     """
     n = len(neutral)
     rays, relief = _rays(neutral, R, t), _relief(neutral)
@@ -153,11 +153,11 @@ def prior_covariance(
 
 
 def _rays(neutral: Array, R: Array, t: Array) -> Array:
-    """Unit vectors (n, 3), head axes, from the camera to landmarks (n, 3) at a pose."""
+    """Unit vectors (n, 3) in head axes from the camera to landmarks (n, 3) at a pose."""
     X = neutral @ R.T + t
     return np.asarray((X / np.linalg.norm(X, axis=1, keepdims=True)) @ R)
 
 
 def _relief(neutral: Array) -> Array:
-    """How far (n,) landmarks (n, 3) stand out of the face."""
+    """Depth (n,) by which landmarks (n, 3) stand out of the face."""
     return np.asarray(neutral[:, 2] - neutral[:, 2].mean())

@@ -1,4 +1,4 @@
-"""A search for the face in one frame: where it starts, what it looks at, and what it finds."""
+"""The search for the face in one frame: where it starts, the view it works on, and what it finds."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Pose:
 
     @property
     def angles(self) -> Array:
-        """(2,) tilt and pan in radians, as the camera sees them: of `kernels.view_angles`."""
+        """(2,) tilt and pan in radians of the face as seen along that ray; see `kernels.view_angles`."""
         return self._seen[1]
 
     def step_to(self, other: Pose) -> Array:
@@ -71,8 +71,8 @@ class Prediction:
 
 @dataclass(frozen=True)
 class View:
-    """A frame prepared for `kernels.solve`: the grey image of the crop for a pose, its geometry, landmarks that can
-    be seen. upright: the pose for which descriptors are read upright and in its size."""
+    """A frame prepared for `kernels.solve`: the grey crop for a pose, its geometry, and the landmarks that face the
+    camera. upright: the pose at whose roll and scale descriptors are sampled."""
 
     level: Level
     pose: Pose
@@ -83,7 +83,7 @@ class View:
     facing: Mask
 
     def upright_at(self, pose: Pose) -> View:
-        """The same view, whose descriptors are read upright at a pose."""
+        """The same view, with descriptors sampled at the roll and scale of a pose."""
         return View(self.level, self.pose, pose, self.crop, self.image, self.geometry, self.facing)
 
     @cached_property
@@ -93,7 +93,7 @@ class View:
 
     @property
     def sampling(self) -> tuple[int, float, float, float]:
-        """How descriptors are read from the maps, as the kernels take it."""
+        """How descriptors are sampled from the maps, as the kernels take it."""
         descriptor = self.level.descriptor
         return descriptor.cell, descriptor.root, *self._roll_and_scale
 
@@ -102,19 +102,25 @@ class View:
         return self.roll_and_scale(self.upright)
 
     def roll_and_scale(self, pose: Pose) -> tuple[float, float]:
-        """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at that for which the crop was made."""
+        """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at the pose for which it was made."""
         roll = math.remainder(roll_of(pose.R) - self.crop.angle, math.tau)
         return roll, float(self.pose.t[2] / pose.t[2])
 
     def shift(self, pose: Pose) -> float:
-        """How far across the view a face at a pose is from where the crop was made for it, in CANDIDE units."""
+        """Distance across the view between a face at a pose and the one for which the crop was made, CANDIDE units."""
         (x0, y0, z0), (x, y, z) = self.pose.t.tolist(), pose.t.tolist()
         return math.hypot(x * z0 / z - x0, y * z0 / z - y0)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The lowest point of Eq. (9) that a search found, with what was seen there; see `kernels.solve`."""
+    """The lowest point of Eq. (9) that a solve found, and what was observed there.
+
+    H: (12, 12) Gauss-Newton matrix; of each of the n landmarks residual (n, 128), the observed descriptor less the
+    expected one; M (n, 4, 4), g (n, 4) and d2 (n,), information, gradient and squared distance by [u, v, tilt, pan]; B
+    (n, 4, 12), derivative of those four by the pose step; w (n,), weight; facing (n,), whether it faces the camera
+    inside the image; expected (n,), its usual d2. See `kernels.solve`.
+    """
 
     pose: Pose
     energy: float
@@ -135,34 +141,33 @@ class Solution:
 
     @cached_property
     def misfit(self) -> float:
-        """Median, over the landmarks that can be seen, of the squared distance over the expected one; infinite where
-        there is none."""
+        """Median, over the landmarks that face the camera, of squared distance over expected one; infinite without
+        any."""
         return self.misfit_of(self.facing)
 
     def misfit_of(self, seen: Mask) -> float:
-        """The same of landmarks `seen` (n,)."""
+        """The same of the landmarks `seen` (n,)."""
         ratio = sorted((self.d2[seen] / self.expected[seen]).tolist())  # for a few numbers faster than NumPy
         return float(ratio[len(ratio) // 2]) if ratio else math.inf
 
     def inliers(self, most: float) -> Mask:
-        """Landmarks (n,) that can be seen and whose squared distance is at most `most`."""
+        """Landmarks (n,) that face the camera and whose squared distance is at most `most`."""
         return np.asarray(self.facing & (self.d2 <= most))
 
     @cached_property
     def distinctive_d2(self) -> Array:
-        """Squared distances (m,) of what can be seen and tells a face from what is none: the landmarks without the
-        anchors, as plain skin looks like much else."""
+        """Squared distances (m,) of what faces the camera and distinguishes a face from other things: the landmarks,
+        without the anchors, since plain skin looks like much else."""
         n = len(LANDMARK_NAMES)
         return np.asarray(self.d2[:n][self.facing[:n]])
 
     def inlier_share(self, most: float) -> float:
-        """Share of the landmarks that can be seen whose squared distance is at most `most`; 0 where these are too few
-        to say where a face is."""
+        """Share of these whose squared distance is at most `most`; 0 if they are too few to locate a face."""
         telling = self.distinctive_d2
         count = np.count_nonzero(telling <= most)
         return count / len(telling) if count >= _LEAST_LANDMARKS else 0.0
 
     def squared_misplacement(self, most: float) -> Array:
-        """Mean square (n,) in pixels of the crop, by axis, of where each landmark alone would be, from where the pose
-        puts it, no further than `most`."""
+        """Mean square (n,) per axis, in pixels of the crop, of the step that each landmark alone would take from where
+        the pose puts it, limited to `most`."""
         return np.asarray(kernels.squared_misplacement(self.M, self.g, most))

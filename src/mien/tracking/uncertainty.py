@@ -1,11 +1,11 @@
-"""What the tracker says of its own error, calibrated against truth.
+"""The tracker's statement of its own error, calibrated against ground truth.
 
-The inverse of the Gauss-Newton matrix at the optimum knows the noise of one frame, which grows where the landmarks look
-less like their appearance. It does not know what is wrong in the same way in every frame: with an error of the relief
-each turn out of the first frame's view is too large or too small by a part of it, less the more turns have taught the
-shape, and what an error of the head's axes, which the first frame shows to a few degrees only, makes of a rotation
-grows with it too. All are scaled to the errors measured on rendered sequences with exact truth; docs/benchmark.md gives
-the coverage and the reliability that result, and the command.
+The inverse of the Gauss-Newton matrix at the optimum covers the noise of one frame, which grows where landmarks fit
+worse. It does not cover what is wrong in the same way in every frame. With a wrong relief every turn away from the
+first frame's view is too large or too small by a share of it, less so the more turns have taught the shape. With wrong
+head axes, which the first frame shows to a few degrees only, the error of a rotation grows with the turn, too. All are
+scaled to the errors measured on rendered sequences with exact truth; docs/benchmark.md has the coverage and the
+reliability that result, and the commands.
 """
 
 from __future__ import annotations
@@ -23,45 +23,46 @@ from mien.tracking.identity import logistic
 from mien.tracking.state import Mask
 
 NOISE_SCALE = 0.165
-"""Factor of the standard deviations from the Gauss-Newton matrix, where the fit is perfect and nothing hidden."""
+"""Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.3
-"""Median squared distance of the landmarks at which those variances are twice that."""
+"""Median squared distance of the landmarks that doubles those variances."""
 RELIEF_SCALE = 0.25
-"""Standard deviation of the part of a turn out of the first image plane by which the rotation is too large or too
-small, by that of the relief."""
+"""Standard deviation of the share by which the turn out of the first image plane is wrong, as a factor of the standard
+deviation of the relief."""
 TURNED_SCALE = 0.18
-"""The same of a face that is seen from the side in the first frame, which shows little of its relief: by the sine of
-the angle at which it is seen there."""
+"""The same for a face seen from the side in the first frame, which shows little of its relief: as a factor of the sine
+of that angle."""
 LEARNED_SCALE = 0.1
-"""The same where the look of the turned face was learned while it turned."""
+"""The same where the appearance of the turned face was learned during the turn."""
 AXES_SCALE = np.array([1.2, 0.85, 2.0])
-"""Factors of the standard deviations of the head's axes in tilt, pan and roll. Not all of it is theirs: what is wrong
-with the features of a face that turns far grows likewise, and rolls it more than its axes do."""
+"""Factors of the standard deviations of the head's axes in tilt, pan and roll. Part of this error is not the axes':
+what is wrong with the features of a face that turns far grows likewise, and rolls it more than the axes do."""
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
-"""Factor of the standard deviations of the translation beyond the rotation's, and, in CANDIDE units, the deviation of
-what is wrong across the view in every frame, and of what a wrong relief adds, by the sine of the turn."""
+"""Factor of the standard deviations of the translation beyond that of the rotation; and, in CANDIDE units, the standard
+deviation of its constant error across the view, and of the error that a wrong relief adds, by the sine of the turn."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
-"""A single landmark's share, where none is seen."""
+"""Share of a single landmark, taken where none is seen."""
 _CONFIDENCE = (-7.5, -1.8)
-"""Bias and weight of the logarithm of the spread: fitted to the rendered sequences as they are, with boards of all
-sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
+"""Bias and weight of the logarithm of the spread in a logistic regression: fitted to the rendered sequences as they
+are, with boards of all sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
-"""Share of the landmarks that is seen below which nothing is believed, and the width of the step: with less a face is
-mostly lost, so that no error could be measured."""
+"""Share of the landmarks seen below which nothing is believed, and the width of that step: with less a face is mostly
+lost, so that no error can be measured."""
 _VISIBLE, _VISIBLE_MOUTH = (21.8, -4.9, 3.5), 1.8
-"""Bias, and weights of the logarithm of a landmark's squared distance and of the agreement of its patch, and what is
-added for a mouth, whose look changes as it moves: fitted to recordings and drawn heads, with boards before them."""
+"""Logistic regression of visibility: bias, weights of the logarithm of the squared distance and of the agreement of the
+patch, and an extra bias for a mouth, whose appearance changes as it moves. Fitted to recordings and rendered faces with
+boards before them."""
 _STILL_KNOWN = 0.9
-"""How probable it is that a face that no longer looks like that of the first frame is it, when it is the same as in the
-frame before: about how often the rotation is right then, over what its covariance says."""
+"""Probability that a face which looks strange, but has been the same since it was known, is right: about how often its
+rotation is, beyond what the covariance says."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What every later rotation is measured from. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to the
-    head there, camera axes; axes_sd: (3,) standard deviations of the head's axes there in radians of tilt, pan, roll.
-    """
+    """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to
+    the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
+    roll."""
 
     R: Array
     ray: Array
@@ -69,12 +70,12 @@ class Reference:
 
     @cached_property
     def scaled_axes_sd(self) -> Array:
-        """(3,) standard deviations of the axes, calibrated."""
+        """(3,) calibrated standard deviations of the axes."""
         return np.asarray(self.axes_sd * AXES_SCALE)
 
     @cached_property
     def obliqueness(self) -> float:
-        """Sine of the angle at which the first frame sees the face from the side."""
+        """Sine of the angle from which the first frame sees the face."""
         return math.sqrt(turn_squared(self.R, ray_rotation(self.ray)))
 
 
@@ -94,8 +95,8 @@ def state_covariance(
 
 @kernel()
 def _total_covariance(variance: float, spread: Any, across: float, systematic: Any) -> Any:
-    """Covariance (12, 12): a frame's own, with the translation's scale, and what is wrong in every frame: of the
-    translation, by axis across the view, and of the rotation (3, 3)."""
+    """Covariance (12, 12): a frame's own, with the scale of the translation, and the constant errors: of the
+    translation, per axis across the view, and of the rotation (3, 3)."""
     out = np.empty(spread.shape)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -109,19 +110,19 @@ def _total_covariance(variance: float, spread: Any, across: float, systematic: A
 
 
 def frame_variance(d2: Array, seen: float) -> float:
-    """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as
-    `state_covariance`'s."""
+    """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as of
+    `state_covariance`."""
     misfit = sorted(d2.tolist())[len(d2) // 2] / MISFIT_DISTANCE if len(d2) else 0.0
     # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
 def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
-    """Covariance (3, 3) of w that comes from the model and not from the frame: of the relief and of the head's axes.
-    A relief that is too deep along the first frame's ray, by a share of standard deviation relief_sd, turns too little,
-    about the axis of the turn out of that frame's image plane. So does a face of which that frame shows one side, and
-    one whose look, by a share `learned`, was learned where the tracker believed it to be when it turned. Where the axes
-    are wrong by d, every R is R exp(d), an error of R d, of which the first frame has first.R d."""
+    """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
+    head's axes. A relief that is too deep along the first frame's ray turns too little, by a share with standard
+    deviation relief_sd, about the axis of the turn out of that frame's image plane. So does a face of which that frame
+    shows one side only, and one whose appearance was, by a share `learned`, learned where the tracker believed it to be
+    in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
     share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.obliqueness, LEARNED_SCALE * learned)
     covariance: Array = _of_relief_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
     return covariance
@@ -129,7 +130,7 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
 
 @kernel()
 def _of_relief_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: float) -> Any:
-    """`systematic_covariance`, its turn too large or too small by a share."""
+    """`systematic_covariance`, with the share by which the turn is too large or too small."""
     turned = np.empty(3)  # where the head has what the first frame's ray met
     for i in range(3):
         turned[i] = 0.0
@@ -148,7 +149,7 @@ def _of_relief_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: flo
 
 
 def turn_squared(R: Array, R_first: Array) -> float:
-    """Squared sine of the turn of the face, out of the image plane, from one rotation (3, 3) to another."""
+    """Squared sine of the turn of the face out of the image plane between two rotations (3, 3)."""
     (x, y, z), (a, b, c) = R[:, 2].tolist(), R_first[:, 2].tolist()  # at a third of the time of NumPy's product
     return float(max(0.0, 1 - (a * x + b * y + c * z) ** 2))
 
@@ -156,9 +157,9 @@ def turn_squared(R: Array, R_first: Array) -> float:
 def confidence(covariance: Array, seen: float, familiar: float, known: float = 0.0) -> float:
     """Probability that the rotation is right to 5 degrees.
 
-    seen: share of all landmarks that are seen; familiar, known: what `familiarity` and `still_known` say. A logistic
-    regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen, times the
-    probability that this is the face of the first frame at all.
+    seen: share of all landmarks that are seen; familiar: see `identity.familiarity`; known: see `identity.Identity`. A
+    logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen,
+    times the probability that this is the face of the first frame at all.
     """
     bias, by_spread = _CONFIDENCE
     least, width = _HARDLY_SEEN
@@ -168,12 +169,12 @@ def confidence(covariance: Array, seen: float, familiar: float, known: float = 0
 
 
 def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
-    """Probability (n,) that nothing hides a landmark, from the squared distances d2 (n,); 0 for those that do not face
+    """Probability (n,) that nothing covers a landmark, from the squared distances d2 (n,); 0 for those that do not face
     the camera.
 
-    agreement: (n,) of their patches with the frames before, see `Motion`; mouth: (n,) those of mouth and chin. What
-    comes before a face looks strange, and comes suddenly. An expression looks strange as well, but mostly comes by and
-    by, and stays on the face.
+    agreement: (n,) of the patches with the frames before, see `PatchHistory`; mouth: (n,) which landmarks belong to
+    mouth and chin. What covers a face looks strange and comes suddenly. An expression looks strange as well, but mostly
+    comes gradually, and stays on the face.
     """
     bias, by_distance, by_agreement = _VISIBLE
     strange = by_distance * np.log(np.maximum(d2, 1.0))
