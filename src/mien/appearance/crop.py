@@ -18,7 +18,7 @@ from mien.geometry.rotation import Array
 Float32 = NDArray[np.float32]
 
 _BLANK = 1.0
-"""Standard deviation of grey values below which an image shows nothing but the noise of a camera."""
+"""Standard deviation of grey values below which an image shows nothing but camera noise."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Crop:
 
     @cached_property
     def offset(self) -> Array:
-        """(2,) where the image's origin lies in the crop."""
+        """(2,) position of the image's origin in the crop."""
         ((c, s), _), (x, y), middle = self.linear.tolist(), self.centre, 0.5 * (self.size - 1)
         return np.array([middle - (c * x + s * y), middle - (c * y - s * x)])
 
@@ -56,9 +56,9 @@ class Crop:
         return np.asarray((q - 0.5 * (self.size - 1)) @ inverse.T + np.array(self.centre))
 
     def sample(self, frame: Frame, blur: float = 0.0) -> Float32:
-        """Grey crop (size, size) float32 of a frame; beyond its edge the edge repeats.
+        """Grey crop (size, size) float32 of a frame; beyond its border the border repeats.
 
-        Costs what the crop costs, whatever the size of the frame.
+        The cost depends on the size of the crop, not on that of the frame.
         """
         gray, offset, shrink = self._region(frame)
         step = 1 / (self.scale * shrink)  # of the crop's pixels in those that are read
@@ -71,8 +71,8 @@ class Crop:
         return blurred(crop, blur)
 
     def _region(self, frame: Frame) -> tuple[Pixels, tuple[int, int], int]:
-        """The grey pixels that the crop needs, two each way at least, where they begin, and by how much they were
-        shrunk against aliasing."""
+        """The grey pixels that the crop needs, at least two each way, their origin in the frame, and the factor by
+        which they were shrunk against aliasing."""
         size = frame.width, frame.height
         reach = int(0.71 * self.size / self.scale) + 3
         x0, y0 = (int(min(max(c - reach, 0), n - 1)) for c, n in zip(self.centre, size, strict=True))
@@ -92,9 +92,9 @@ class Crop:
 
 @kernel()
 def _resample(gray: Any, start: Any, step: Any, crop: Any) -> None:
-    """Bilinear values of grey pixels (h, w), of two each way at least, into crop (size, size); beyond the edge the edge
-    repeats. start: the place (x, y) of the crop's first pixel; step: from there to the next one in the row. At half the
-    time of `cv2.warpAffine`, which rounds places to a 32nd of a pixel."""
+    """Bilinear values of grey pixels (h, w), at least two each way, into crop (size, size); beyond the border the
+    border repeats. start: position (x, y) of the crop's first pixel; step: from there to the next one in its row. Takes
+    half the time of `cv2.warpAffine`, which rounds positions to a 32nd of a pixel."""
     height, width = gray.shape
     size = crop.shape[0]
     pixels = gray.ravel()
@@ -124,8 +124,8 @@ def _resample(gray: Any, start: Any, step: Any, crop: Any) -> None:
 
 
 def is_blank(gray: Float32) -> bool:
-    """Whether nothing is to be seen in an image, by every fourth row: descriptors have unit length and would describe
-    its noise."""
+    """Whether an image shows nothing, judged by every fourth row: descriptors have unit length and would describe its
+    noise."""
     return float(cv2.meanStdDev(gray[::4])[1][0, 0]) < _BLANK
 
 

@@ -97,12 +97,12 @@ def _to_kernel_order(descriptors: Float32) -> Float32:
 
 @kernel()
 def _orientation_maps(gray: Any, turned: float, triangle: Any, rows: Any, row: Any, maps: Any) -> None:
-    """Gradients by orientation, smoothed both ways by a symmetric filter, into maps (H, W * 8). Row by row, so that
-    what is not the result stays in the fastest memory.
+    """Gradients by orientation, smoothed both ways by a symmetric filter, into maps (H, W * 8): row by row, so that
+    intermediate results stay in the fastest cache.
 
-    turned: see `_gradients`; triangle: half of the filter, from the middle to the first zero, (cell + 1,); rows
-    (2 cell - 1, W * 8): zeros, room for those that are smoothed into one; row (W * 8 + 16 cell,): zeros, room for that
-    with what is beside it.
+    turned: see `_gradients`; triangle: half of the filter, from the middle to the first zero, (cell + 1,); rows (2 cell
+    - 1, W * 8), zero: buffer of the rows that are smoothed into one; row (W * 8 + 16 cell,), zero: buffer of that one
+    with its margins.
     """
     height, length = maps.shape
     cell, kept = triangle.size - 1, rows.shape[0]
@@ -133,8 +133,8 @@ def _orientation_maps(gray: Any, turned: float, triangle: Any, rows: Any, row: A
 @kernel()
 def _gradients(gray: Any, turned: Any, angles: Any, magnitudes: Any, entries: Any) -> None:
     """Magnitude of the gradient in the middle one of three rows (3, W), split between the two nearest of eight
-    orientations: into zeros, entries (W * 8,). turned: what is added to its angle, in units of 45 degrees, positive;
-    angles and magnitudes (W,): room."""
+    orientations, into entries (W * 8,), which are zero. turned: added to its angle, in units of 45 degrees, positive;
+    angles and magnitudes (W,): buffers."""
     above, here, below = gray[0], gray[1], gray[2]
     one, c0, c1, c2 = np.float32(1.0), np.float32(0.2765881), np.float32(0.2582636), np.float32(0.1778958)
     for x in range(1, here.size - 1):  # without branches, so that it runs several pixels at a time
@@ -157,7 +157,7 @@ def _gradients(gray: Any, turned: Any, angles: Any, magnitudes: Any, entries: An
 
 @kernel(inline="always")
 def _begin(out: Any, weights: Any, middle: Any, before: Any, after: Any) -> None:
-    """Set out (m,) to the first m of the middle and of its two neighbours, by two weights."""
+    """Set out (m,) to the first m entries of the middle row and of its two neighbours, with two weights."""
     here, beside = weights[0], weights[1]
     for i in range(out.size):
         out[i] = here * middle[i] + beside * (before[i] + after[i])
@@ -165,7 +165,7 @@ def _begin(out: Any, weights: Any, middle: Any, before: Any, after: Any) -> None
 
 @kernel(inline="always")
 def _add(out: Any, weights: Any, near: Any, far: Any) -> None:
-    """Add to out (m,) the first m of two neighbours that are near and two that are further, by two weights."""
+    """Add to out (m,) the first m entries of two near and two further neighbours, with two weights."""
     (a, b), (c, d) = near, far
     by_near, by_far = weights[0], weights[1]
     for i in range(out.size):
@@ -180,8 +180,8 @@ def _cell_weight(i: int, j: int) -> Any:
 
 @kernel()
 def _describe(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> None:
-    """Descriptors (n, 128) into out; J (n, 2, 128), or None where it is not wanted, takes their derivative. sampling:
-    cell, root, angle and scale as `describe`'s."""
+    """Descriptors (n, 128) into out, and their derivative into J (n, 2, 128), or None if it is not wanted. sampling:
+    cell, root, angle and scale as of `describe`."""
     height, width = maps.shape[0], maps.shape[1]
     cell, root, angle, scale = sampling
     along, across = cell * scale * np.cos(angle), cell * scale * np.sin(angle)

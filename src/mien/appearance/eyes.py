@@ -1,8 +1,8 @@
-"""Closed eyes, and eyes that look aside, drawn from a picture of eyes that do not.
+"""Closed eyes, and eyes that look aside, synthesised from a picture of open ones.
 
-A blink or a glance changes what every landmark around an eye looks like, and a tracker that has seen the eyes as they
-were in the first frame alone takes part of it for a nod or a turn. The skin above the eye is stretched down over the
-opening, as an eyelid is; and what lies between the lids is moved along the eye, as an eyeball turns.
+A blink or a glance changes the appearance of every landmark around an eye, and a tracker that knows only the eyes of
+the first frame takes part of it for a nod or a turn. To close an eye, the skin above it is stretched down over the
+opening, like a lid; to turn it, what lies between the lids is moved along the eye, like an eyeball.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from mien.frame import Pixels
 from mien.geometry.rotation import Array
 
 _MARGIN = 0.8
-"""Half of the side of the square that is drawn anew, in widths of the eye."""
+"""Half of the side of the square that is redrawn, in widths of the eye."""
 _CREASE = 1.0
-"""Height over the upper lid of the skin that is stretched, in openings of the eye."""
+"""Height above the upper lid of the skin that is stretched, in openings of the eye."""
 _WHITE = 0.85
-"""Share of the way from the middle to the end of the opening up to which there is eyeball."""
+"""Share of the way from the middle to the end of the opening that shows eyeball."""
 
 
 def close_eye(pixels: Pixels, corners: Array, lids: Array, share: float) -> Pixels:
     """An image (h, w) or (h, w, 3) with the lid of one eye moved down by a share of the opening.
 
-    corners (2, 2), lids (2, 2): image points of the corners, and of the middles of the upper and the lower lid. The
-    lids are parabolas through them. Where no opening is seen, the image stays as it is.
+    corners (2, 2), lids (2, 2): image points of the corners, and of the middles of the upper and lower lid, which are
+    taken for parabolas. Without a visible opening the image is returned unchanged.
     """
     eye = _Eye.at(pixels, corners, lids)
     if eye is None:
@@ -42,9 +42,9 @@ def close_eye(pixels: Pixels, corners: Array, lids: Array, share: float) -> Pixe
 
 
 def turn_eye(pixels: Pixels, corners: Array, lids: Array, share: float) -> Pixels:
-    """The image with one eye looking aside: what is between the lids is moved from the first corner towards the second,
-    by a share of the eye's width. What comes out from behind the lids is white as what was next to it. Arguments as of
-    `close_eye`."""
+    """The image with one eye looking aside: what lies between the lids is moved from the first corner towards the
+    second, by a share of the eye's width. What appears from behind the lids is as white as what was next to it.
+    Arguments as of `close_eye`."""
     eye = _Eye.at(pixels, corners, lids)
     if eye is None:
         return pixels
@@ -58,7 +58,7 @@ def turn_eye(pixels: Pixels, corners: Array, lids: Array, share: float) -> Pixel
 @dataclass(frozen=True)
 class _Eye:
     """The pixels in a square around one eye: image coordinates x, y (h, w); place and depth (h, w), along the eye from
-    its middle and down from it; along, down (2,) in the image; depths of the middles of the lids."""
+    its middle and down from it; along, down (2,), those directions in the image; depths of the middles of the lids."""
 
     x: Array
     y: Array
@@ -72,7 +72,7 @@ class _Eye:
 
     @classmethod
     def at(cls, pixels: Pixels, corners: Array, lids: Array) -> _Eye | None:
-        """The eye with these corners and lids; None where nothing of it is in the image."""
+        """The eye with these corners and lids; None where none of it lies in the image."""
         middle, width = corners.mean(axis=0), float(np.linalg.norm(corners[1] - corners[0]))
         height, across = pixels.shape[:2]
         left, top = np.maximum(np.floor(middle - _MARGIN * width), 0).astype(int)
@@ -88,7 +88,7 @@ class _Eye:
         return cls(x, y, from_middle @ along, from_middle @ down, along, down, width, float(upper), float(lower))
 
     def drawn(self, pixels: Pixels, shift: Array, direction: Array) -> Pixels:
-        """The image with every pixel of the square taken from so far (h, w) in a direction (2,)."""
+        """The image with every pixel of the square taken from a shift (h, w) away in a direction (2,)."""
         x, y = ((axis + shift * d).astype(np.float32) for axis, d in zip((self.x, self.y), direction, strict=True))
         out = pixels.copy()
         out[self.y, self.x] = cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,8 +1,8 @@
 """Appearance as a function of the pose: the mean of a descriptor is a polynomial of tilt and pan.
 
-Descriptors are read in a crop that is normalised for scale and roll, so tilt and pan are all that is left of
-the pose. The covariance is that of what the polynomial leaves, as `I floor + low rank`. What it leaves of some views
-is far more than of others, so its distance from each is kept too.
+Descriptors are sampled in a crop that is normalised for scale and roll, so that only tilt and pan are left of the pose.
+The covariance is that of the residuals, as `I floor + low rank`. Residuals are far larger in some views than in others,
+so the distance of each view from the mean is kept, too.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ Float32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class PoseRegression:
-    """Means and covariances of n landmarks' descriptors as functions of the pose.
+    """Means and covariances of the descriptors of n landmarks as functions of the pose.
 
-    coefficients: (n, p, 128) of the polynomial's p terms; U: (n, k, 128) leading eigenvectors of the residual
-    covariance; gain: (n, k) such that `Sigma^-1 = I / floor + U^T diag(gain) U`; inverse_floor: (n,);
-    limit: (2,) radians up to which tilt and pan were seen; lack_of_fit: (views, n) squared distance of each
-    view from the mean.
+    coefficients: (n, p, 128) of the p terms of the polynomial; U: (n, k, 128) leading eigenvectors of the residual
+    covariance; gain: (n, k) such that `Sigma^-1 = I / floor + U^T diag(gain) U`; inverse_floor: (n,); limit: (2,)
+    radians up to which tilt and pan were rendered; lack_of_fit: (views, n) squared distance of each view from the mean.
     """
 
     coefficients: Float32
@@ -46,11 +45,11 @@ class PoseRegression:
         rank: int,
         changes: Float32 | None = None,
     ) -> PoseRegression:
-        """Weighted least squares, and the covariance of what they leave by the same weights.
+        """Weighted least squares for the mean, and the covariance of its residuals with the same weights.
 
-        samples: (views, n, 128); terms: (views, p); weight: (views, n), zero where a landmark is hidden; changes:
-        (k, n, 128) what else may come to a descriptor; the sum of their squares goes into the covariance, and nothing
-        of them into the mean.
+        samples: (views, n, 128); terms: (views, p); weight: (views, n), zero where a landmark is hidden; changes: (k,
+        n, 128) further changes of a descriptor, whose sum of squares goes into the covariance and which leave the mean
+        alone.
         """
         # A landmark that is visible in too few views for its coefficients uses them all.
         enough = (weight > 0).sum(axis=0) >= 2 * terms.shape[1]

@@ -17,7 +17,7 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Texture:
-    """An image mapped onto a mesh: image (H, W, C) float32, and where in it each vertex lies, uv (V, 2) pixels."""
+    """An image mapped onto a mesh: image (H, W, C) float32, and the position of each vertex in it, uv (V, 2) pixels."""
 
     image: Image
     uv: Array
@@ -32,7 +32,7 @@ class Rendering:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W): where the mesh was drawn."""
+        """(H, W): whether the mesh covers a pixel."""
         return np.isfinite(self.depth)
 
 

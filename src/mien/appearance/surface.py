@@ -27,7 +27,8 @@ _MESH_POINTS = 468  # the points of MediaPipe's face mesh; the ten after them ar
 
 @dataclass(frozen=True)
 class Surface:
-    """Vertices (V, 3) in camera axes on the first frame, triangles (T, 3), the first `face` of V are the face."""
+    """A mesh of vertices (V, 3) in camera axes that covers the first frame, and triangles (T, 3); the first `face`
+    vertices are the face, the others its skirt."""
 
     vertices: Array
     triangles: NDArray[np.intp]
@@ -35,7 +36,7 @@ class Surface:
 
 
 def face_surface(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Surface:
-    """The surface of the first frame's face in camera axes."""
+    """The surface of the face in the first frame, camera axes."""
     if landmarks.depths is None:
         vertices = fit.vertices() @ fit.R.T + fit.t
         triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
@@ -46,15 +47,16 @@ def face_surface(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Surfa
 
 
 def on_surface(points: Array, surface: Surface, camera: Camera) -> Array:
-    """Points (n, 3) in camera axes moved along their rays onto the face; left where it does not reach them."""
+    """Points (n, 3) in camera axes, moved along their rays onto the face; unchanged where the ray misses it."""
     face = surface.vertices[: surface.face]
     depth = _interpolate(camera.project(face)[0], face[:, 2], camera.project(points)[0], points[:, 2])
     return np.asarray(points * (depth / points[:, 2])[:, None])
 
 
 def _interpolate(known: Array, values: Array, at: Array, outside: Array) -> Array:
-    """Values (k,) at plane points (k, 2), linear in the triangles between them, at others (n, 2); beyond them `outside`
-    (n,). What scipy's LinearNDInterpolator does, whose module takes a third of a second to import."""
+    """Values at points (n, 2) of the plane, linear in the triangles between known points (k, 2) with values (k,), and
+    `outside` (n,) beyond them. scipy's LinearNDInterpolator does the same, but its module takes a third of a second to
+    import."""
     triangulation = Delaunay(known)
     found = triangulation.find_simplex(at)
     affine = triangulation.transform[found]
@@ -65,7 +67,7 @@ def _interpolate(known: Array, values: Array, at: Array, outside: Array) -> Arra
 
 
 def _from_depths(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Array:
-    """The landmarks themselves, their relative depths anchored to the fitted model."""
+    """The vertices given by the landmarks themselves, their relative depths anchored to the fitted model."""
     assert landmarks.depths is not None
     known, _, depths = landmarks.correspondences()
     assert depths is not None
@@ -94,7 +96,7 @@ def _with_skirt(vertices: Array, triangles: NDArray[np.intp], camera: Camera) ->
 
 
 def _facing(vertices: Array, triangles: NDArray[np.intp], camera: Camera) -> NDArray[np.intp]:
-    """Order the corners so that every surface faces the camera that saw the first frame."""
+    """Order the corners of the triangles so that each faces the camera of the first frame."""
     a, b, c = (camera.project(vertices)[0][triangles[:, k]] for k in range(3))
     away = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
     return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)

@@ -1,7 +1,10 @@
 """The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised.
 
-Everything here works on plain arrays: `RealtimeTracker` says what they are. A pose step is
-`[w, t, a]`: a rotation vector in camera axes applied on the left, a translation, animation units.
+Kernels take plain arrays, grouped in tuples: `person` is neutral landmarks (n, 3) and animation units (6, n, 3) in head
+axes; `view` is camera (3,), linear part (2, 2) and offset (2,) of the crop, and the rotation (3, 3) from the optical
+axis to the face; `prior` is predicted R, t, animation and information (12, 12), the rest of the animation and its
+information (6,). A pose step is `[w, t, a]`: a rotation vector in camera axes applied on the left, a translation,
+animation units.
 """
 
 from __future__ import annotations
@@ -51,7 +54,7 @@ def viewing_ray(point: Any, R: Any, t: Any) -> Any:
 
 @kernel()
 def viewing_angles(point: Any, R: Any, t: Any) -> Any:
-    """`viewing_ray` (3, 3) a point, and tilt and pan (2,) in radians of the head along it."""
+    """`viewing_ray` (3, 3) of a point, and tilt and pan (2,) in radians of the head along it."""
     ray = viewing_ray(point, R, t)
     angles = np.empty(2)
     angles[0], angles[1], _ = angles_along_ray(ray, R)
@@ -60,7 +63,7 @@ def viewing_angles(point: Any, R: Any, t: Any) -> Any:
 
 @kernel()
 def angles_along_ray(ray: Any, R: Any) -> Any:
-    """`view_angles` of a head with rotation R (3, 3) that is seen along a ray, given by the rotation (3, 3) from the
+    """`view_angles` of a head with rotation R (3, 3), seen along a ray that is given by the rotation (3, 3) from the
     optical axis to it."""
     M = transposed_product(ray, R)
     for r in range(3):  # times FACING
@@ -70,8 +73,8 @@ def angles_along_ray(ray: Any, R: Any) -> Any:
 
 @kernel()
 def polynomial(tilt: float, pan: float, limit: Any) -> Any:
-    """Terms (3, 15) of the quartic in tilt and pan (radians), and their two derivatives; constant past the limits of
-    both (2,)."""
+    """Terms (3, 15) of the quartic in tilt and pan (radians) and their derivatives by both; constant beyond the limits
+    (2,)."""
     out = np.empty((3, POLYNOMIAL_TERMS), np.float32)
     x, y = min(max(tilt / limit[0], -1.0), 1.0), min(max(pan / limit[1], -1.0), 1.0)
     dx = 1.0 / limit[0] if abs(tilt) < limit[0] else 0.0
@@ -93,8 +96,8 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 
 @kernel()
 def projection_of(view: Any) -> Any:
-    """What a view makes of a point in camera axes, as numbers, which are faster to hand on than arrays: focal length,
-    principal point, and the similarity from image to crop, its linear part row by row and its offset."""
+    """The projection of a view from camera axes to the crop as numbers, which are faster to pass than arrays: focal
+    length, principal point, and the similarity from image to crop, its linear part row by row and its offset."""
     camera, linear, offset, _ = view
     similarity = linear[0, 0], linear[0, 1], linear[1, 0], linear[1, 1], offset[0], offset[1]
     return camera[0], camera[1], camera[2], *similarity
@@ -102,7 +105,7 @@ def projection_of(view: Any) -> Any:
 
 @kernel()
 def displacement(i: int, units: Any, a: Any) -> Any:
-    """How far an animation moves landmark i: three coordinates in head axes."""
+    """Displacement of landmark i by an animation: three coordinates in head axes."""
     x, y, z = 0.0, 0.0, 0.0
     for k in range(a.size):
         x += a[k] * units[k, i, 0]
@@ -131,22 +134,23 @@ def in_camera(person: Any, R: Any, t: Any, a: Any) -> Any:
 
 
 @kernel()
-def reported_landmarks(person: Any, beside: Any, R: Any, t: Any, a: Any, lids: Any, ways: Any, camera: Any) -> Any:
-    """The first m landmarks as they are told: (m, 3) in camera axes, and (m, 2) in the image, NaN behind the camera.
+def reported_landmarks(person: Any, offsets: Any, R: Any, t: Any, a: Any, lids: Any, closing: Any, camera: Any) -> Any:
+    """The first m landmarks as they are reported: (m, 3) in camera axes, and (m, 2) in the image, NaN behind the
+    camera.
 
-    beside (m, 3): how far each lies beside that of the model, head axes; lids (2, k): which are upper lids, and the
-    lower ones; ways: how far these go towards the others, shares of the opening.
+    offsets (m, 3): from the landmarks of the model to those reported, head axes; lids (2, k): rows of the upper and the
+    lower lids; closing (2,): how far each moves towards the other, as shares of the opening.
     """
-    m = beside.shape[0]
+    m = offsets.shape[0]
     X, image = in_camera(person, R, t, a)[:m], np.empty((m, 2))
     for i in range(m):
-        x, y, z = rotated(R, beside[i, 0], beside[i, 1], beside[i, 2])
+        x, y, z = rotated(R, offsets[i, 0], offsets[i, 1], offsets[i, 2])
         X[i, 0], X[i, 1], X[i, 2] = X[i, 0] + x, X[i, 1] + y, X[i, 2] + z
     for k in range(lids.shape[1]):
         for r in range(3):
             upper, lower = X[lids[0, k], r], X[lids[1, k], r]
-            X[lids[0, k], r] += ways[0] * (lower - upper)
-            X[lids[1, k], r] += ways[1] * (upper - lower)
+            X[lids[0, k], r] += closing[0] * (lower - upper)
+            X[lids[1, k], r] += closing[1] * (upper - lower)
     for i in range(m):
         if X[i, 2] > 1e-6:
             scale = camera[0] / X[i, 2]
@@ -177,8 +181,8 @@ def project_to_crop(Y: Any, t: Any, projection: Any) -> Any:
 
 @kernel()
 def gradient_by_pose(gu: float, gv: float, Y: Any, t: Any, projection: Any) -> Any:
-    """Derivative, six numbers, by the rotation and translation of a pose step of what has the gradient (gu, gv) by crop
-    pixel, at a point R h = Y. The last three are that by the point itself."""
+    """Gradient, six numbers, by the rotation and translation of a pose step, of a quantity with gradient (gu, gv) by
+    crop pixel, at a point R h = Y. The last three are the gradient by the point itself."""
     f, _, _, l00, l01, l10, l11, _, _ = projection
     scale = f / max(Y[2] + t[2], 0.1)
     x, y = (l00 * gu + l10 * gv) * scale, (l01 * gu + l11 * gv) * scale
@@ -189,7 +193,7 @@ def gradient_by_pose(gu: float, gv: float, Y: Any, t: Any, projection: Any) -> A
 @kernel()
 def facing_camera(X: Any, normals: Any, R: Any, camera: Any, width: int, height: int, least: float) -> Any:
     """Which points X (n, 3) in camera axes, with normals (n, 3) in head axes, lie inside the image and face the camera:
-    the cosine of the angle between the normal and the way to the camera is above `least`."""
+    the cosine of the angle between the normal and the direction to the camera exceeds `least`."""
     seen = np.empty(X.shape[0], np.bool_)
     for i in range(X.shape[0]):
         x, y, z = X[i, 0], X[i, 1], X[i, 2]
@@ -227,9 +231,9 @@ def linearize_landmarks(
     maps: Any, sampling: Any, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
     inverse_floor: Any, active: Any, residuals: Any, M: Any, g: Any, d2: Any,
 ) -> None:  # fmt: skip
-    """Distance of every active landmark and its derivatives by [u, v, tilt, pan] of the crop.
+    """Squared distance of every active landmark, and its derivatives by [u, v, tilt, pan] of the crop.
 
-    Fills residuals (n, 128), what is seen less what is expected, M (n, 4, 4) Gauss-Newton information, g (n, 4)
+    Fills residuals (n, 128), observed less expected descriptors, M (n, 4, 4) Gauss-Newton information, g (n, 4)
     gradient, d2 (n,) squared distance, in the metric `I inverse_floor + U^T diag(gain) U`, U (n, k, 128).
     """
     n, rank = q.shape[0], U.shape[1]
@@ -285,10 +289,10 @@ def linearize_landmarks(
 
 @kernel()
 def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
-    """Give a landmark a systematic error of its own, and marginalise it: changes M and g, returns the new d2.
+    """Marginalise a systematic error of one landmark: changes M and g, returns the new d2.
 
-    variance (4,): of the misplacement in [u, v, tilt, pan]. With P = diag(1 / variance) and A = (M + P)^-1 the
-    landmark's quadratic form becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
+    variance (4,): of the error in [u, v, tilt, pan]. With P = diag(1 / variance) and A = (M + P)^-1 the quadratic form
+    of the landmark becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
     """
     # Cholesky factor L of M + P, then X = L^-1 [M, g], so that M A M = X^T X.
     L = np.empty((4, 4))
@@ -315,8 +319,8 @@ def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
 
 @kernel()
 def misplacement_variance(variance: Any, units: Any, error: Any) -> Any:
-    """Variances (n, 4) of landmarks' misplacement in [u, v, tilt, pan], with what an error (6,) of the animation, in
-    pixels by unit of length, adds to the first two."""
+    """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, an error (6,) of
+    the animation, in pixels per unit of length, adds its part in u and v."""
     out = variance.copy()
     for i in range(out.shape[0]):
         x, y, z = displacement(i, units, error)
@@ -328,7 +332,7 @@ def misplacement_variance(variance: Any, units: Any, error: Any) -> Any:
 
 @kernel()
 def squared_misplacement(M: Any, g: Any, most: float) -> Any:
-    """Mean square (n,), by axis, of the step in the crop that each landmark alone would take; see `Solution`'s."""
+    """Mean square (n,) per axis of the step in the crop that each landmark alone would take; see `Solution`."""
     out = np.empty(g.shape[0])
     for i in range(out.size):
         a, b, c = M[i, 0, 0] + 1e-6, M[i, 0, 1], M[i, 1, 1] + 1e-6
@@ -340,7 +344,7 @@ def squared_misplacement(M: Any, g: Any, most: float) -> Any:
 
 @kernel(inline="always")
 def insert(value: float, ordered: Any, count: int) -> None:
-    """Put a value where it belongs among the first `count` of an ordered array, which has room for it."""
+    """Insert a value among the first `count` entries of an ordered array, which has room for it."""
     k = count
     while k > 0 and ordered[k - 1] > value:
         ordered[k] = ordered[k - 1]
@@ -382,8 +386,8 @@ def transposed_product(A: Any, B: Any) -> Any:
 
 @kernel()
 def cholesky(A: Any) -> bool:
-    """Make the lower triangle of a symmetric positive definite A (d, d), which alone is read, L with A = L L^T; returns
-    whether it was definite: where not, L is that of something near."""
+    """Replace the lower triangle of a symmetric positive definite A (d, d), which alone is read, by L with A = L L^T;
+    returns whether A was definite: if not, L belongs to a matrix near it."""
     definite = True
     for i in range(A.shape[0]):
         for j in range(i + 1):
@@ -415,7 +419,7 @@ def solve_positive(A: Any, b: Any) -> Any:
 
 @kernel()
 def rotation_vector(R: Any, R_from: Any) -> Any:
-    """Rotation vector (3,) that leads from one rotation (3, 3) to another, less than about 170 degrees away."""
+    """Rotation vector (3,) from one rotation (3, 3) to another, less than about 170 degrees apart."""
     w = np.empty(3)
     w[0], w[1], w[2] = 0.0, 0.0, 0.0
     trace = 0.0  # of R R_from^T, and from its antisymmetric part the sine and the axis
@@ -434,7 +438,7 @@ def rotation_vector(R: Any, R_from: Any) -> Any:
 
 @kernel()
 def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any:
-    """The pose step (12,) from one pose to another, less than about 170 degrees away."""
+    """Pose step (12,) from one pose to another, less than about 170 degrees apart."""
     turn, step = rotation_vector(R_to, R), np.empty(STATE_SIZE)
     for k in range(3):
         step[k], step[3 + k] = turn[k], t_to[k] - t[k]
@@ -444,18 +448,18 @@ def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any
 
 
 @kernel()
-def student_information(information: Any, moved: Any, firmness: Any, times: float) -> Any:
-    """Information (6,) of an animation's rest, with the tails of Student's t: that times `1 + firmness` (6,) where
-    nothing has moved (6,), with half of what this adds where it has by 1; and all that so many times."""
+def student_information(information: Any, moved: Any, firmness: Any, factor: float) -> Any:
+    """Information (6,) of the animation about its rest, with the tails of Student's t: `information` times `1 +
+    firmness` at rest, of which the firmness has halved where an entry of moved (6,) is 1; all that times `factor`."""
     out = np.empty(information.size)
     for k in range(out.size):
-        out[k] = times * information[k] * (1 + firmness[k] / (1 + moved[k] * moved[k]))
+        out[k] = factor * information[k] * (1 + firmness[k] / (1 + moved[k] * moved[k]))
     return out
 
 
 @kernel()
 def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
-    """The prior's part of Eq. (9): returns its energy, and begins H (12, 12) and G (12,) with its derivatives."""
+    """The part of the prior in Eq. (9): returns its energy, and sets H (12, 12) and G (12,) to its derivatives."""
     R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
     step = step_between(R_prior, t_prior, a_prior, R, t, a)
     energy = 0.0
@@ -475,7 +479,7 @@ def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
 
 @kernel()
 def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
-    """Add one landmark's w B^T M B to the upper triangle of H (12, 12), and its w B^T g to G (12,). Returns M B."""
+    """Add w B^T M B of one landmark to the upper triangle of H (12, 12), and its w B^T g to G (12,). Returns M B."""
     MB = transposed_product(M, B)  # M is symmetric
     for r in range(STATE_SIZE):
         for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
@@ -494,7 +498,8 @@ def evaluate(
     """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
 
     The derivatives are those of half the energy. Also fills, per landmark, residuals, M, g, d2 (see
-    `linearize_landmarks`), B (n, 4, 12) = [u, v, tilt, pan] by pose step, and the weight w in the solution.
+    `linearize_landmarks`), B (n, 4, 12), the derivative of [u, v, tilt, pan] by the pose step, and the weight w in the
+    solution.
     """
     coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
     ray = view[3]
@@ -531,8 +536,8 @@ def evaluate(
 
 
 def workspace(n: int) -> tuple[NDArray[Any], ...]:
-    """Where `solve` puts residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Of
-    everything there are two: what belongs to the lowest point so far, and what the next evaluation fills."""
+    """Buffers for `solve`: residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Each is
+    there twice, for the lowest point so far and for the next evaluation."""
     return (
         np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
         np.zeros((2, n, 4, STATE_SIZE)), np.zeros((2, n)),
@@ -543,15 +548,15 @@ def workspace(n: int) -> tuple[NDArray[Any], ...]:
 @kernel()
 def solve(
     R: Any, t: Any, a: Any, maps: Any, sampling: Any, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, iterations: int, tolerance: float, workspace: Any,
+    prior: Any, view: Any, iterations: int, tolerance: float, buffers: Any,
 ) -> Any:  # fmt: skip
-    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. workspace: see `workspace`.
+    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. buffers: see `workspace`.
 
-    Stops where the next step promises a gain below `tolerance`, and takes that step unseen. Returns R, t, a, energy,
-    H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest point that was
-    seen, and how often the energy was evaluated.
+    Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns R,
+    t, a, energy, H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest
+    point evaluated, and the number of evaluations.
     """
-    residuals, M, g, d2, B, w, H, G = workspace
+    residuals, M, g, d2, B, w, H, G = buffers
     lowest, free = 0, 1
     best, damping = np.inf, 1e-3
     best_R, best_t, best_a = R, t, a

@@ -28,12 +28,13 @@ class Posterior:
 
 @dataclass(frozen=True)
 class PosePosterior:
-    """Eq. (9) with an appearance that follows the pose, robust, with derivatives; the fields are `kernels.solve`'s.
+    """Eq. (9) with an appearance that follows the pose, robust, with derivatives; the fields are arguments of
+    `kernels.solve`.
 
-    maps (H, W, 8) and sampling: what the descriptors are read from, and how; person: neutral landmarks and
-    animation units; appearance: regression, adaptation and systematic error; active (n,): landmarks that take part;
-    scale (n,): squared distances at which they lose their weight; prior: predicted state, its information, and the
-    rest of the animation; view: camera and crop.
+    maps (H, W, 8) and sampling: orientation maps, and how descriptors are sampled from them; person: neutral landmarks
+    and animation units; appearance: regression, adaptation and systematic error; active (n,): landmarks that take part;
+    scale (n,): squared distances at which a weight is a quarter; prior: predicted state, its information, and the rest
+    of the animation; view: camera and crop.
     """
 
     maps: Any

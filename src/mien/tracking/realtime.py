@@ -116,12 +116,12 @@ class RealtimeTracker:
         """Offsets (26, 3), in head axes and parallel to the image plane, from the model's landmarks to those given in
         the first frame; zero for those that were not given."""
         X = self.person.in_camera(self.pose)[: len(LANDMARK_NAMES)]
-        beside = np.zeros_like(X)
+        offsets = np.zeros_like(X)
         rows = rows_told(landmarks.scheme)
         known = [LANDMARK_NAMES.index(name) for name in rows]
         points = landmarks.points[list(rows.values())].mean(axis=1)
-        beside[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
-        return np.asarray(beside @ self.pose.R)
+        offsets[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
+        return np.asarray(offsets @ self.pose.R)
 
     def track(self, frame: Frame) -> Estimate:
         """The face in the next frame; one that is lost is searched for. Raises MienError before `initialize`, and for a
@@ -306,9 +306,9 @@ class RealtimeTracker:
         `familiarity`."""
         n = len(LANDMARK_NAMES)
         closing = self.closing
-        ways = lid_ways(closing.share if closing else 0.0)
+        lids = lid_ways(closing.share if closing else 0.0)
         X, image = kernels.reported_landmarks(
-            self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, ways, self.solver.camera_vector
+            self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, lids, self.solver.camera_vector
         )
         seen = solution.inliers(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])

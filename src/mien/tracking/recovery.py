@@ -1,6 +1,6 @@
-"""Finding a face again: keyframes matched by SIFT and placed by PnP, or the detector.
+"""Finding a lost face: by keyframes, matched with SIFT and placed by PnP, or by the detector.
 
-Both only propose poses; the tracker's own energy decides whether the face that is there is the one it knows.
+Both only propose poses; the energy of the tracker decides whether the face there is the one it knows.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ _KEYPOINTS = 250
 _MOST_KEYFRAMES = 9
 _KEYFRAME_SPACING = np.radians(15.0)
 _WINDOW = 440.0
-"""Side of the part of the image that one search looks through, in pixels of the keyframes."""
+"""Side of the part of the image that one search covers, in pixels of the keyframes."""
 _MOST_FACES = 3
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 _TOLERANCE = 0.05
-"""How far from where a pose puts them the points of a detected face may be, in sizes of the face."""
+"""Reprojection error up to which a detected point is an inlier, as a share of the face's size."""
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A view that was tracked well: its pose R (3, 3), t (3,), animation (6,), and the grey crop of its face.
+    """A view that was tracked well: its pose R (3, 3), t (3,), animation (6,), and the grey crop of the face.
 
-    Most videos never lose the face: keypoints are only looked for when a search asks for them.
+    Most videos never lose the face, so keypoints are found when a search first needs them.
     """
 
     R: Array
@@ -76,7 +76,7 @@ class Keyframes:
         self.searches = 0
 
     def is_new(self, R: Array) -> bool:
-        """Whether a view at this rotation would add something."""
+        """Whether a view at this rotation would add anything."""
         if len(self.keyframes) >= _MOST_KEYFRAMES:
             return False
         nearest = 1 + 2 * math.cos(_KEYFRAME_SPACING)  # the trace of a rotation by that angle
@@ -93,8 +93,8 @@ class Keyframes:
     def find(self, frame: Frame, last: Array) -> tuple[Array, Array] | None:
         """Pose R, t of the face by its keyframes, None where they do not agree on one.
 
-        last: (3,) where the face was last, which says how large it may be in the image, and where to look. A search
-        costs the same in images of any size: in large ones it is around that place and somewhere else by turns.
+        last: (3,) last position of the face, which gives its size in the image and where to search. The cost does not
+        depend on the size of the image: in large ones searches alternate between that position and the rest.
         """
         keyframes = [k for k in self.keyframes if len(k.features[0]) >= _INLIERS]
         if not keyframes:
@@ -112,7 +112,7 @@ class Keyframes:
         return None if best[0] < _INLIERS else (best[1], best[2])
 
     def _window(self, frame: Frame, last: Array, scale: float) -> tuple[NDArray[np.uint8], Array]:
-        """The grey part of a frame that this search looks through, and its corner (2,)."""
+        """The grey part of a frame that this search covers, and its corner (2,)."""
         side, face = _WINDOW / scale, _CROP_UNITS * KEYFRAME_PIXELS_PER_UNIT / scale
         around, elsewhere = divmod(self.searches, 2)
         self.searches += 1
@@ -127,7 +127,7 @@ class Keyframes:
     def _place(
         self, keyframe: Keyframe, p: Array, descriptors: NDArray[np.float32], scale: float
     ) -> tuple[int, Array, Array]:
-        """Number of inliers, and pose, of the matches with one keyframe."""
+        """Number of inliers, and pose, from the matches with one keyframe."""
         known, points = keyframe.features
         pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known, descriptors, k=2)
         good = [m for m, *rest in pairs if rest and m.distance < _RATIO * rest[0].distance]
@@ -141,8 +141,8 @@ class Keyframes:
 def find_by_detector(
     frame: Frame, fit: FirstFrame, camera: Camera, distant: bool = True
 ) -> Iterator[tuple[Array, Array]]:
-    """Poses R, t of the faces that the detector sees, the largest first. distant: where there is none, also of those
-    that are small in the image."""
+    """Poses R, t of the faces that the detector finds, the largest first. distant: whether to look for faces that are
+    small in the image where there is no other."""
     for face in look(frame, distant=distant)[:_MOST_FACES]:
         vertices, points, _ = face.correspondences()
         placed = _pnp(fit.vertices()[vertices], points, camera, _TOLERANCE * place_of(points)[1])
