@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
+from mien.appearance.views import rotation
 from mien.candide.model import TRACKED_UNITS
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, exp, matrix_from_euler
@@ -57,3 +58,20 @@ def animations(limit: float = 1.0) -> SearchStrategy[Array]:
 def cameras() -> SearchStrategy[Camera]:
     """Cameras of images of about 320x240 pixels."""
     return st.builds(Camera, st.floats(200, 800), st.floats(150, 170), st.floats(110, 130))
+
+
+def random_pose(seed: int) -> tuple[Array, Array, Array]:
+    """R, t and animation of a face before the camera, turned by up to 23 degrees each way."""
+    rng = np.random.default_rng(seed)
+    return rotation(*rng.uniform(-0.4, 0.4, 3)), np.array([0.05, 0.02, 4.0]), rng.uniform(-0.3, 0.5, 6)
+
+
+def random_person(seed: int, n: int = 8) -> tuple[Array, Array]:
+    """Neutral landmarks (n, 3) and animation units (6, n, 3)."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-0.6, 0.6, (n, 3)), rng.normal(0, 0.1, (6, n, 3))
+
+
+def stepped(R: Array, t: Array, a: Array, step: Array) -> tuple[Array, Array, Array]:
+    """A pose after a step (12,), by definition."""
+    return exp(step[:3]) @ R, t + step[3:6], a + step[6:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mien.tracking.definite import inverse_definite, solve_definite
+from mien.tracking.definite import inverse_definite, solve_definite, solve_positive, transposed_product
 
 
 @pytest.mark.parametrize("size", [1, 12, 93])
@@ -26,3 +26,11 @@ def test_what_rounding_has_made_indefinite_is_solved_all_the_same() -> None:
     np.testing.assert_allclose(solve_definite(A, np.array([1.0, 2.0, 0.0])), [1, 1, 0])
     with pytest.raises(np.linalg.LinAlgError):
         solve_definite(np.zeros((2, 2)), np.ones(2))
+
+
+def test_kernels_for_small_matrices() -> None:
+    rng = np.random.default_rng(3)
+    X = rng.normal(size=(12, 24))
+    A, B, H, b = rng.normal(size=(4, 3)), rng.normal(size=(4, 12)), X @ X.T, rng.normal(size=12)
+    np.testing.assert_allclose(transposed_product(A, B), A.T @ B, atol=1e-12)
+    np.testing.assert_allclose(solve_positive(H.copy(), b), np.linalg.solve(H, b), rtol=1e-6)

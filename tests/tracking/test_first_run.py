@@ -86,7 +86,7 @@ def test_the_other_process_ends_with_its_tracker(monkeypatch: pytest.MonkeyPatch
 
 def test_the_other_process_ends_with_this_one() -> None:
     script = """
-from mien.tracking import first_run
+from mien.tracking import first_run, kernels
 
 first_run._PROGRAM = "import time; time.sleep(60)"
 first_run._is_cached = lambda: False

@@ -12,80 +12,19 @@ from hypothesis import strategies as st
 
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import describe, orientation_maps
-from mien.appearance.views import rotation, tilt_pan_of
-from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, log, ray_rotation
-from mien.tracking import kernels
+from mien.geometry.rotation import FACING, Array, exp
+from mien.tracking import kernels, pose_geometry
 from mien.tracking.optimizers import Simplex
-from strategies import rotation_vectors, rotations, vectors
+from strategies import random_person, random_pose, stepped
 
 CAMERA = np.array([280.0, 159.5, 119.5])
 LINEAR, OFFSET = np.array([[0.9, 0.3], [-0.3, 0.9]]), np.array([-85.0, 15.0])
 N, RANK, CELL = 8, 5, 4
 LIMIT = np.array([0.7, 1.4])
-READING = (CELL, 0.01, 0.06, 1.03)
+SAMPLING = (CELL, 0.01, 0.06, 1.03)
 """How descriptors are read: from a grid that leans a little."""
 ANGLES = st.floats(-1.2, 1.2)
 FEW = settings(max_examples=40)
-
-
-def _random_pose(seed: int) -> tuple[Array, Array, Array]:
-    rng = np.random.default_rng(seed)
-    return rotation(*rng.uniform(-0.4, 0.4, 3)), np.array([0.05, 0.02, 4.0]), rng.uniform(-0.3, 0.5, 6)
-
-
-def _random_person(seed: int, n: int = N) -> tuple[Array, Array]:
-    rng = np.random.default_rng(seed)
-    return rng.uniform(-0.6, 0.6, (n, 3)), rng.normal(0, 0.1, (6, n, 3))
-
-
-def _stepped(R: Array, t: Array, a: Array, step: Array) -> tuple[Array, Array, Array]:
-    return exp(step[:3]) @ R, t + step[3:6], a + step[6:]
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_visible_faces_the_camera_inside_the_image(seed: int) -> None:
-    R, t, a = _random_pose(seed)
-    neutral, units = _random_person(seed, 200)
-    t = t - [0, 0, 2.5]  # so near that some of it lies outside
-    normals = np.random.default_rng(seed).normal(size=(200, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
-    inside = Camera(*CAMERA).in_image(X, 320, 240)
-    towards = -(X * (normals @ R.T)).sum(axis=1) / np.linalg.norm(X, axis=1) > -0.1
-    seen = kernels.facing_camera(X, normals, R, CAMERA, 320, 240, -0.1)
-    np.testing.assert_array_equal(seen, inside & towards)
-    assert 0 < inside.sum() < 200
-    assert 0 < towards.sum() < 200
-
-
-@given(rotation_vectors(3.0), rotations())
-@FEW
-def test_rotate_is_exp(w: Array, R: Array) -> None:
-    np.testing.assert_allclose(kernels.rotate(w, R), exp(w) @ R, atol=1e-9)
-
-
-@given(rotations(2.9), rotations())
-@FEW
-def test_rotation_vector_is_log(R: Array, start: Array) -> None:
-    np.testing.assert_allclose(kernels.rotation_vector(R @ start, start), log(R), atol=1e-9)
-
-
-@given(ANGLES, ANGLES, st.floats(-3, 3))
-@FEW
-def test_view_angles_invert_the_rotation(tilt: float, pan: float, roll: float) -> None:
-    R = rotation(tilt, pan, roll)
-    found = kernels.view_angles(R @ FACING)
-    np.testing.assert_allclose(found[:2], (tilt, pan), atol=1e-9)
-    np.testing.assert_allclose(found[:2], tilt_pan_of(R), atol=1e-9)
-
-
-@given(ANGLES, ANGLES, st.floats(-3, 3), vectors(-1, 1))
-@FEW
-def test_view_angles_jacobian_against_differences(tilt: float, pan: float, roll: float, w: Array) -> None:
-    M = rotation(tilt, pan, roll) @ FACING
-    ahead, behind = (np.array(kernels.view_angles(exp(s * 1e-6 * w) @ M)[:2]) for s in (1, -1))
-    np.testing.assert_allclose(kernels.view_angles(M)[2] @ w, (ahead - behind) / 2e-6, atol=1e-6)
 
 
 def test_polynomial_by_hand() -> None:
@@ -113,47 +52,13 @@ def test_polynomial_is_constant_past_the_limit() -> None:
     assert (past[2] != 0).any()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_projection_and_its_jacobian(seed: int) -> None:
-    (R, t, a), (neutral, units) = _random_pose(seed), _random_person(seed)
-    view = (CAMERA, LINEAR, OFFSET, np.eye(3))
-    q, J = kernels.project((neutral, units), R, t, a, view)
-    X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
-    np.testing.assert_allclose(q, (CAMERA[0] * X[:, :2] / X[:, 2:] + CAMERA[1:]) @ LINEAR.T + OFFSET, rtol=1e-9)
-    for direction in np.random.default_rng(seed + 10).normal(size=(5, 12)):
-        ahead, behind = (
-            kernels.project((neutral, units), *_stepped(R, t, a, s * 1e-6 * direction), view)[0] for s in (1, -1)
-        )
-        np.testing.assert_allclose(J @ direction, (ahead - behind) / 2e-6, rtol=1e-5, atol=1e-4)
-
-
 def _positive(rng: np.random.Generator, n: int) -> Array:
     X = rng.normal(size=(n, 2 * n))
     return X @ X.T
 
 
-def test_small_linear_algebra() -> None:
-    rng = np.random.default_rng(3)
-    A, B, H, b = rng.normal(size=(4, 3)), rng.normal(size=(4, 12)), _positive(rng, 12), rng.normal(size=12)
-    np.testing.assert_allclose(kernels.transposed_product(A, B), A.T @ B, atol=1e-12)
-    np.testing.assert_allclose(kernels.solve_positive(H.copy(), b), np.linalg.solve(H, b), rtol=1e-6)
-
-
-@FEW
-@given(rotations(), vectors(-1, 1))
-def test_the_ray_to_a_point_of_the_head(R: Array, point: Array) -> None:
-    t = np.array([0.3, -0.2, 6.0])
-    np.testing.assert_allclose(kernels.viewing_ray(point, R, t), ray_rotation(R @ point + t), atol=1e-12)
-
-
-def test_a_step_between_poses_leads_from_one_to_the_other() -> None:
-    R, t, a = _random_pose(5)
-    other = _stepped(R, t, a, AWAY)
-    np.testing.assert_allclose(kernels.step_between(R, t, a, *other), AWAY, atol=1e-12)
-
-
 def test_what_an_error_of_the_animation_does_to_the_landmarks() -> None:
-    (_, units), a, variance = _random_person(6), _random_pose(6)[2], np.random.default_rng(6).uniform(size=(N, 4))
+    (_, units), a, variance = random_person(6), random_pose(6)[2], np.random.default_rng(6).uniform(size=(N, 4))
     moved = np.tensordot(a, units, axes=1)
     found = kernels.misplacement_variance(variance, units, a)
     np.testing.assert_allclose(found[:, :2], variance[:, :2] + (moved**2).sum(axis=1, keepdims=True))
@@ -167,7 +72,7 @@ def test_rest_is_firmest_where_nothing_has_moved() -> None:
     np.testing.assert_allclose(found, [27, 30, 3, 15])
 
 
-def test_temper_against_the_dense_formula() -> None:
+def test_marginalizing_against_the_dense_formula() -> None:
     rng = np.random.default_rng(0)
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     A = np.linalg.inv(M + np.diag(precision))
@@ -177,8 +82,8 @@ def test_temper_against_the_dense_formula() -> None:
     np.testing.assert_allclose(g_new, g - M @ A @ g, atol=1e-9)
 
 
-def test_temper_is_the_best_misplacement() -> None:
-    """Eliminating e from (x + e)' M (x + e) + 2 g' (x + e) + e' P e leaves the tempered form, at every x."""
+def test_marginalizing_is_the_best_misplacement() -> None:
+    """Eliminating e from (x + e)' M (x + e) + 2 g' (x + e) + e' P e leaves the marginalizinged form, at every x."""
     rng = np.random.default_rng(1)
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     M_new, g_new = M.copy(), g.copy()
@@ -216,13 +121,13 @@ class Problem:
         rng = np.random.default_rng(seed)
         noise = rng.uniform(0, 255, (150, 150)).astype(np.float32)
         maps = orientation_maps(blurred(noise, 3.0), CELL)
-        (R, t, a), person = _random_pose(seed), _random_person(seed)
+        (R, t, a), person = random_pose(seed), random_person(seed)
         ray = exp(np.array([0.05, -0.03, 0]))
         coefficients = rng.normal(0, 0.01, (N, kernels.POLYNOMIAL_TERMS, 128)).astype(np.float32)
-        q, _ = kernels.project(person, R, t, a, (CAMERA, LINEAR, OFFSET, ray))
-        tilt, pan, _ = kernels.view_angles(ray.T @ R @ FACING)
+        q, _ = pose_geometry.project(person, R, t, a, (CAMERA, LINEAR, OFFSET, ray))
+        tilt, pan, _ = pose_geometry.view_angles(ray.T @ R @ FACING)
         terms = kernels.polynomial(tilt, pan, LIMIT)[0]
-        coefficients[:, 0] += describe(maps, q, *READING) - np.einsum("p,npc->nc", terms, coefficients)
+        coefficients[:, 0] += describe(maps, q, *SAMPLING) - np.einsum("p,npc->nc", terms, coefficients)
         U = np.stack([np.linalg.qr(rng.normal(size=(128, RANK)))[0].T for _ in range(N)]).astype(np.float32)
         variance, floor = rng.uniform(0.001, 0.01, (N, RANK)), 4e-3
         appearance = (
@@ -250,19 +155,19 @@ class Problem:
         y, M, g, d2 = np.zeros((N, 128), np.float32), np.zeros((N, 4, 4)), np.zeros((N, 4)), np.zeros(N)
         B, w, H, G = np.zeros((N, 4, 12)), np.zeros(N), np.empty((12, 12)), np.empty(12)
         energy = kernels.evaluate(
-            R, t, a, self.maps, READING, self.person, self.appearance, self.active, self.scale, self.prior,
+            R, t, a, self.maps, SAMPLING, self.person, self.appearance, self.active, self.scale, self.prior,
             self.view, y, M, g, d2, B, w, H, G,
         )  # fmt: skip
         return float(energy), H, G, d2
 
     def energy(self, step: Array) -> float:
         """Energy after a step (12,) from the minimum: what the simplex minimises."""
-        return self.evaluate(*_stepped(*self.minimum, step))[0]
+        return self.evaluate(*stepped(*self.minimum, step))[0]
 
     def solve(self, step: Array, iterations: int = 40) -> tuple[Any, ...]:
         """`kernels.solve` from a step (12,) away from the minimum."""
         found: tuple[Any, ...] = kernels.solve(
-            *_stepped(*self.minimum, step), self.maps, READING, self.person, self.appearance, self.active,
+            *stepped(*self.minimum, step), self.maps, SAMPLING, self.person, self.appearance, self.active,
             self.scale, self.prior, self.view, iterations, 1e-4, kernels.workspace(len(self.active)),
         )  # fmt: skip
         return found
@@ -275,14 +180,14 @@ AWAY = np.array([0.03, -0.02, 0.01, 0.01, -0.01, 0.05, 0.05, -0.1, 0.0, 0.1, 0.0
 def test_gradient_of_the_energy_against_differences(seed: int) -> None:
     """G is the derivative of half the energy, the weights of Geman and McClure in it."""
     problem = Problem.random(seed)
-    at = _stepped(*problem.minimum, AWAY)
+    at = stepped(*problem.minimum, AWAY)
     energy, _, G, d2 = problem.evaluate(*at)
     assert d2[problem.active > 0].max() > problem.scale[0]  # some landmarks are outliers and weigh less
     directions = np.vstack([np.eye(12), np.random.default_rng(seed).normal(size=(8, 12))])
     difference = []
     for direction in directions:
         h = 2e-4 / np.abs(direction).max()
-        ahead, behind = (problem.evaluate(*_stepped(*at, s * h * direction))[0] for s in (1, -1))
+        ahead, behind = (problem.evaluate(*stepped(*at, s * h * direction))[0] for s in (1, -1))
         difference.append((ahead - behind) / (2 * h) / 2)
     error = directions @ G - difference
     # The rest comes from corners: the clip of SIFT, and bilinear sampling at whole pixels.
@@ -309,7 +214,7 @@ def test_hidden_landmarks_say_nothing() -> None:
     problem = Problem.random(5)
     other = replace(problem, person=(problem.person[0].copy(), problem.person[1]))
     other.person[0][3] += 0.2  # the one that is not active
-    at = _stepped(*problem.minimum, AWAY)
+    at = stepped(*problem.minimum, AWAY)
     for a, b in zip(problem.evaluate(*at)[:3], other.evaluate(*at)[:3], strict=True):
         np.testing.assert_array_equal(a, b)
 

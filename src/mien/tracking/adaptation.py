@@ -36,7 +36,7 @@ class Adaptation:
     """The offset to the mean descriptors of n landmarks that look strange."""
 
     def __init__(self, n: int, first: Array, settings: RealtimeSettings) -> None:
-        """first: (2,) tilt and pan of the first frame in radians, as of `kernels.view_angles`."""
+        """first: (2,) tilt and pan of the first frame in radians, as of `pose_geometry.view_angles`."""
         self.first = first
         self.settings = settings
         self.slope = np.zeros((2, n * _ENTRIES), np.float32)  # by tilt and by pan

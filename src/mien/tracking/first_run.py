@@ -19,7 +19,18 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
-from mien.tracking import definite, eyes, kernels, learning, motion, patch_history, person, shape, uncertainty
+from mien.tracking import (
+    definite,
+    eyes,
+    kernels,
+    learning,
+    motion,
+    patch_history,
+    person,
+    pose_geometry,
+    shape,
+    uncertainty,
+)
 
 _SOURCE = Path(kernels.__file__)
 _PATIENCE_S = 120
@@ -73,11 +84,11 @@ _IN_FOREGROUND: tuple[Kernel, ...] = (
     (eyes._closing_moments, (_array(2), types.float64)),
     (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, types.float64)),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
-    (kernels.in_camera, (_PERSON, *_POSE)),
+    (pose_geometry.in_camera, (_PERSON, *_POSE)),
     (kernels.misplacement_variance, (_array(2), _array(3), _array(1))),
     (kernels.squared_misplacement, (_array(3), _array(2), types.float64)),
     (kernels.student_information, (*[_array(1)] * 3, types.float64)),
-    (kernels.reported_landmarks, (_PERSON, _array(2), *_POSE, _array(2, types.int64), _POINT, _array(1))),
+    (pose_geometry.reported_landmarks, (_PERSON, _array(2), *_POSE, _array(2, types.int64), _POINT, _array(1))),
     (person._update_average, (_array(2), types.int64, _array(1), _SEEN, types.float64, types.float64)),
     (uncertainty._total_covariance, (types.float64, _array(2), types.float64, _array(2))),
 )  # fmt: skip

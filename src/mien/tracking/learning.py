@@ -25,7 +25,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
-from mien.tracking import kernels
+from mien.tracking import kernels, pose_geometry
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
@@ -184,7 +184,7 @@ def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -
             lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng))[0] - seen)
         terms.append(kernels.polynomial(tilt, pan, limit)[0])
         behind.append(_depth_behind(posed[1], depth, view))
-        facing = kernels.facing_camera(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
+        facing = pose_geometry.facing_camera(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
         towards = -np.sum(face.normals @ R.T * posed[1], axis=1) / np.linalg.norm(posed[1], axis=1)
         clear = facing & (behind[-1] < _CLEAR * s.hidden_depth)
         weight.append(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(towards, 0) ** 2))

@@ -22,17 +22,16 @@ from mien.appearance.descriptors import Float32
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
-from mien.tracking.definite import inverse_definite
-from mien.tracking.kernels import (
+from mien.tracking.definite import inverse_definite, solve_positive
+from mien.tracking.kernels import add_prior
+from mien.tracking.pose_geometry import (
     STATE_SIZE,
-    add_prior,
     gradient_by_pose,
     landmark,
     project_to_crop,
     projection_of,
     rotate,
     rotated,
-    solve_positive,
 )
 from mien.tracking.prior import JAW_DROP
 

@@ -16,7 +16,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
-from mien.tracking import kernels
+from mien.tracking import kernels, pose_geometry
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.eyes import closing_of
 from mien.tracking.learning import LearnedFace, Level, learn_face
@@ -107,7 +107,7 @@ class Person:
 
     def in_camera(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
-        X: Array = kernels.in_camera(self.arrays, *pose.arrays)
+        X: Array = pose_geometry.in_camera(self.arrays, *pose.arrays)
         return X
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:

@@ -21,7 +21,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_told
-from mien.tracking import kernels
+from mien.tracking import pose_geometry
 from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
 from mien.tracking.first_run import BackgroundCompilation
@@ -307,7 +307,7 @@ class RealtimeTracker:
         n = len(LANDMARK_NAMES)
         closing = self.closing
         lids = lid_ways(closing.share if closing else 0.0)
-        X, image = kernels.reported_landmarks(
+        X, image = pose_geometry.reported_landmarks(
             self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, lids, self.solver.camera_vector
         )
         seen = solution.inliers(self.settings.seen_distance)

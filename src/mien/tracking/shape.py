@@ -16,8 +16,9 @@ from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
-from mien.tracking.definite import solve_definite
-from mien.tracking.kernels import STATE_SIZE, add_landmark, cholesky
+from mien.tracking.definite import cholesky, solve_definite
+from mien.tracking.kernels import add_landmark
+from mien.tracking.pose_geometry import STATE_SIZE
 from mien.tracking.state import Mask
 
 _STEEPEST = 6.0

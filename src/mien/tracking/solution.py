@@ -13,7 +13,7 @@ from mien.appearance.descriptors import Float32, orientation_maps
 from mien.appearance.views import CENTRE, roll_of
 from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES
-from mien.tracking import kernels
+from mien.tracking import kernels, pose_geometry
 from mien.tracking.definite import inverse_definite
 from mien.tracking.learning import Level
 from mien.tracking.state import Mask
@@ -31,7 +31,7 @@ class Pose:
 
     def moved(self, step: Array) -> Pose:
         """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
-        return Pose(kernels.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
+        return Pose(pose_geometry.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
@@ -40,7 +40,7 @@ class Pose:
 
     @cached_property
     def _seen(self) -> tuple[Array, Array]:
-        ray, angles = kernels.viewing_angles(CENTRE, self.arrays[0], self.t)
+        ray, angles = pose_geometry.viewing_angles(CENTRE, self.arrays[0], self.t)
         return ray, angles
 
     @property
@@ -50,12 +50,12 @@ class Pose:
 
     @property
     def angles(self) -> Array:
-        """(2,) tilt and pan in radians of the face as seen along that ray; see `kernels.view_angles`."""
+        """(2,) tilt and pan in radians of the face as seen along that ray; see `pose_geometry.view_angles`."""
         return self._seen[1]
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
-        step: Array = kernels.step_between(*self.arrays, *other.arrays)
+        step: Array = pose_geometry.step_between(*self.arrays, *other.arrays)
         return step
 
 

@@ -10,7 +10,7 @@ from mien.appearance.crop import is_blank
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.tracking import kernels
+from mien.tracking import pose_geometry
 from mien.tracking.learning import Level
 from mien.tracking.person import Person
 from mien.tracking.posterior import PosePosterior
@@ -53,7 +53,7 @@ class PoseSolver:
         image = crop.sample(frame, level.descriptor.blur)
         geometry = (self.camera_vector, crop.linear, crop.offset, pose.ray)
         X, R = self.person.in_camera(pose), pose.arrays[0]
-        facing = kernels.facing_camera(
+        facing = pose_geometry.facing_camera(
             X, self.face.normals, R, self.camera_vector, frame.width, frame.height, self.settings.hidden_cosine
         )
         facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
