@@ -23,7 +23,7 @@ from mien.tracking import (
     definite,
     eyes,
     kernels,
-    learning,
+    level,
     motion,
     patch_history,
     person,
@@ -71,8 +71,8 @@ _IN_BACKGROUND: tuple[Kernel, ...] = (
     SOLVE,
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
     (definite._inverse, (_array(2),)),
-    (learning._nearest, (_array(1), types.float64)),
-    (learning._bilinear_lookup, (_single(3), _array(2), _array(1))),
+    (level._nearest, (_array(1), types.float64)),
+    (level._bilinear_lookup, (_single(3), _array(2), _array(1))),
 )
 """What the other process compiles, first what the solver shares with the learning of the face."""
 _IN_FOREGROUND: tuple[Kernel, ...] = (

@@ -6,19 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
-from mien.appearance.crop import Crop, blurred
+from mien.appearance.crop import blurred
 from mien.appearance.descriptors import Float32, describe_with_jacobian, orientation_maps
 from mien.appearance.eyes import close_eye, turn_eye
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import Image, Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
 from mien.appearance.texture import texture_of_vertices
-from mien.appearance.views import CENTRE, crop_of_face, rotation
-from mien.compiled import kernel
+from mien.appearance.views import CENTRE, rotation
 from mien.config import DescriptorSettings, RealtimeSettings
 from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
@@ -26,6 +24,7 @@ from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels, pose_geometry
+from mien.tracking.level import Level
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
@@ -41,68 +40,6 @@ _LIT_VIEWS = 2
 random light in each view, the mean would be as random."""
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 """Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
-
-
-@dataclass(frozen=True)
-class Level:
-    """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
-    descriptors when the eyes do what `_EYES` says. views: tilts and pans (2, k) in radians of the k x k views; behind:
-    (k, k, n) how far each landmark lies behind the face's own surface there, CANDIDE units."""
-
-    descriptor: DescriptorSettings
-    size: int
-    appearance: PoseRegression
-    eyes: Float32
-    views: Array
-    behind: Float32
-
-    def depth_behind(self, angles: Array) -> Float32:
-        """How far (n,) the landmarks lie behind the face's own surface in the view nearest to a tilt and pan (2,)."""
-        return np.asarray(self.behind[_nearest(self.views[0], angles[0]), _nearest(self.views[1], angles[1])])
-
-    def lack_of_fit(self, angles: Array) -> Float32:
-        """Squared distance (n,) between rendered and predicted descriptors at a tilt and pan (2,), interpolated between
-        the nearest four views."""
-        k = self.views.shape[1]
-        fit: Float32 = _bilinear_lookup(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
-        return fit
-
-    def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
-        """The crop of a frame for a face at a pose, with the scale and the roll of the face."""
-        return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
-
-
-@kernel()
-def _nearest(views: Any, angle: float) -> int:
-    """Index of the view angle (k,) nearest to an angle."""
-    nearest = 0
-    for k in range(views.size):
-        if abs(views[k] - angle) < abs(views[nearest] - angle):
-            nearest = k
-    return nearest
-
-
-@kernel()
-def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
-    """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,), by bilinear
-    interpolation; constant beyond the last view."""
-    row, down = _bracket(views[0], angles[0])
-    column, right = _bracket(views[1], angles[1])
-    a, b, c, d = table[row, column], table[row, column + 1], table[row + 1, column], table[row + 1, column + 1]
-    out = np.empty(a.size, np.float32)
-    for i in range(out.size):
-        out[i] = (1 - down) * ((1 - right) * a[i] + right * b[i]) + down * ((1 - right) * c[i] + right * d[i])
-    return out
-
-
-@kernel()
-def _bracket(views: Any, angle: float) -> Any:
-    """Index of the view before an angle, among increasing angles (k,), and the position between it and the next, in [0,
-    1]."""
-    k = 0
-    while k < views.size - 2 and views[k + 1] <= angle:
-        k += 1
-    return k, min(max((angle - views[k]) / (views[k + 1] - views[k]), 0.0), 1.0)
 
 
 @dataclass(frozen=True)
@@ -150,52 +87,76 @@ class _PosedFace:
     camera: Camera
 
 
-def _learn_level(face: _PosedFace, d: DescriptorSettings, s: RealtimeSettings) -> Level:
-    fit, triangles = face.fit, face.surface.triangles
-    distance = float(fit.t[2])
-    texture, *textures = (_texture(face, frame, d.pixels_per_unit) for frame in (face.frame, *face.eyes))
-    head = (face.surface.vertices - fit.t) @ fit.R
-    size = round(CROP_UNITS * d.pixels_per_unit)
-    # The head stands on the optical axis: what a view shows depends on the ray to the head, not on its place.
-    view = Camera.centred(d.pixels_per_unit * distance, size, size)
+class _ViewRenderer:
+    """Renders the face of the first frame at the resolution of a level, and describes its landmarks.
+
+    texture, moved_eyes: the textures of the frame as it is, and with the eyes as `_EYES` says; camera: sees the head on
+    its optical axis, since what a view shows depends on the ray to the head, and not on its position.
+    """
+
+    def __init__(self, face: _PosedFace, descriptor: DescriptorSettings) -> None:
+        fit, d = face.fit, descriptor
+        self.face, self.descriptor, self.distance = face, d, float(fit.t[2])
+        frames = (face.frame, *face.eyes)
+        self.texture, *self.moved_eyes = (_texture(face, frame, d.pixels_per_unit) for frame in frames)
+        self.head = (face.surface.vertices - fit.t) @ fit.R
+        self.normals = vertex_normals(self.head, face.surface.triangles)
+        self.size = round(CROP_UNITS * d.pixels_per_unit)
+        self.camera = Camera.centred(d.pixels_per_unit * self.distance, self.size, self.size)
+
+    def posed(self, R: Array) -> tuple[Array, Array]:
+        """Surface (V, 3) and landmarks (n, 3) in camera axes at a rotation R (3, 3)."""
+        t = np.array([0, 0, self.distance]) - R @ CENTRE
+        return self.head @ R.T + t, self.face.points @ R.T + t
+
+    def describe(
+        self, posed: tuple[Array, Array], texture: Texture, light: Array | None = None
+    ) -> tuple[Float32, Image]:
+        """Descriptors (n, 128) of the landmarks in a view, and its depth image; light (V,): see `render`."""
+        d, face, size, (vertices, points) = self.descriptor, self.face, self.size, posed
+        drawn = render(vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
+        maps = orientation_maps(blurred(drawn.image[:, :, 0], d.blur), d.cell)
+        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
+        return describe_with_jacobian(maps, self.camera.project(points)[0], d.cell, d.root)[0], drawn.depth
+
+    def weight(self, points: Array, R: Array, behind: Array, s: RealtimeSettings) -> Array:
+        """How much a view teaches of each landmark (n,): nothing where it is hidden, little where it is seen edge-on.
+        behind: (n,) see `_depth_behind`."""
+        normals = self.face.normals
+        facing = pose_geometry.facing_camera(
+            points, normals, R, self.camera.vector, self.size, self.size, s.hidden_cosine
+        )
+        cosine = -np.sum(normals @ R.T * points, axis=1) / np.linalg.norm(points, axis=1)
+        clear = facing & (behind < _CLEAR * s.hidden_depth)
+        return np.asarray(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(cosine, 0) ** 2))
+
+
+def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
+    """Render the views, and regress the descriptors on tilt and pan."""
+    renderer, rng = _ViewRenderer(face, descriptor), np.random.default_rng(0)
     limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
     evenly = np.linspace(-1, 1, s.views_per_angle)
     angles = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
-    normals = vertex_normals(head, triangles)
-    rng = np.random.default_rng(0)
-
-    def look(posed: tuple[Array, Array], picture: Texture, light: Array | None = None) -> tuple[Float32, Image]:
-        vertices, points = posed
-        drawn = render(vertices, triangles, picture, view, size, size, face.background, light)
-        maps = orientation_maps(blurred(drawn.image[:, :, 0], d.blur), d.cell)
-        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
-        return describe_with_jacobian(maps, view.project(points)[0], d.cell, d.root)[0], drawn.depth
-
-    samples, terms, weight, behind, eyes, lights = [], [], [], [], [], []
+    views, eyes, lights = [], [], []
     for k, (tilt, pan) in enumerate(product(*angles)):
         R = rotation(tilt, pan, 0.0)
-        t = np.array([0, 0, distance]) - R @ CENTRE
-        posed = head @ R.T + t, face.points @ R.T + t
-        seen, depth = look(posed, texture)
-        samples.append(seen)
+        posed = renderer.posed(R)
+        seen, depth = renderer.describe(posed, renderer.texture)
         if k % _EYE_VIEWS == 0:
-            eyes.append(look(posed, textures[k // _EYE_VIEWS % len(_EYES)])[0] - seen)
+            texture = renderer.moved_eyes[k // _EYE_VIEWS % len(_EYES)]
+            eyes.append(renderer.describe(posed, texture)[0] - seen)
         if k % _LIT_VIEWS == 0:
-            lights.append(look(posed, texture, random_light(normals @ R.T, s.light_contrast, rng))[0] - seen)
-        terms.append(kernels.polynomial(tilt, pan, limit)[0])
-        behind.append(_depth_behind(posed[1], depth, view))
-        facing = pose_geometry.facing_camera(posed[1], face.normals, R, view.vector, size, size, s.hidden_cosine)
-        towards = -np.sum(face.normals @ R.T * posed[1], axis=1) / np.linalg.norm(posed[1], axis=1)
-        clear = facing & (behind[-1] < _CLEAR * s.hidden_depth)
-        weight.append(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(towards, 0) ** 2))
+            light = random_light(renderer.normals @ R.T, s.light_contrast, rng)
+            lights.append(renderer.describe(posed, renderer.texture, light)[0] - seen)
+        behind = _depth_behind(posed[1], depth, renderer.camera)
+        views.append((seen, kernels.polynomial(tilt, pan, limit)[0], renderer.weight(posed[1], R, behind, s), behind))
+    samples, terms, weight, behind = (np.array(part) for part in zip(*views, strict=True))
     shares = ((eyes, s.eye_share), (lights, 1.0))
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
-    appearance = PoseRegression.learn(
-        np.array(samples), np.array(terms), np.array(weight), limit, s.floor, s.rank, np.concatenate(changes)
-    )
+    appearance = PoseRegression.learn(samples, terms, weight, limit, s.floor, s.rank, np.concatenate(changes))
     moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
-    grid = len(evenly), len(evenly), -1
-    return Level(d, size, appearance, moved_eyes, angles, np.reshape(behind, grid).astype(np.float32))
+    grid = behind.reshape(len(evenly), len(evenly), -1).astype(np.float32)
+    return Level(descriptor, renderer.size, appearance, moved_eyes, angles, grid)
 
 
 def _depth_behind(points: Array, depth: Image, camera: Camera) -> Array:

@@ -19,7 +19,8 @@ from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Lan
 from mien.tracking import kernels, pose_geometry
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.eyes import closing_of
-from mien.tracking.learning import LearnedFace, Level, learn_face
+from mien.tracking.learning import LearnedFace, learn_face
+from mien.tracking.level import Level
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
 from mien.tracking.state import Closing, Mask

@@ -15,7 +15,7 @@ from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking import kernels, pose_geometry
 from mien.tracking.definite import inverse_definite
-from mien.tracking.learning import Level
+from mien.tracking.level import Level
 from mien.tracking.state import Mask
 
 _LEAST_LANDMARKS = 6

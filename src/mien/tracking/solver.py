@@ -11,7 +11,7 @@ from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.tracking import pose_geometry
-from mien.tracking.learning import Level
+from mien.tracking.level import Level
 from mien.tracking.person import Person
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.prior import StatePrior

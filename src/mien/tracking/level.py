@@ -1,0 +1,79 @@
+"""The learned appearance at one resolution, and what is looked up in it by pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mien.appearance.crop import Crop
+from mien.appearance.descriptors import Float32
+from mien.appearance.regression import PoseRegression
+from mien.appearance.views import crop_of_face
+from mien.compiled import kernel
+from mien.config import DescriptorSettings
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import Array
+
+
+@dataclass(frozen=True)
+class Level:
+    """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
+    descriptors when the eyes do what `_EYES` says. views: tilts and pans (2, k) in radians of the k x k views; behind:
+    (k, k, n) how far each landmark lies behind the face's own surface there, CANDIDE units."""
+
+    descriptor: DescriptorSettings
+    size: int
+    appearance: PoseRegression
+    eyes: Float32
+    views: Array
+    behind: Float32
+
+    def depth_behind(self, angles: Array) -> Float32:
+        """How far (n,) the landmarks lie behind the face's own surface in the view nearest to a tilt and pan (2,)."""
+        return np.asarray(self.behind[_nearest(self.views[0], angles[0]), _nearest(self.views[1], angles[1])])
+
+    def lack_of_fit(self, angles: Array) -> Float32:
+        """Squared distance (n,) between rendered and predicted descriptors at a tilt and pan (2,), interpolated between
+        the nearest four views."""
+        k = self.views.shape[1]
+        fit: Float32 = _bilinear_lookup(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
+        return fit
+
+    def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
+        """The crop of a frame for a face at a pose, with the scale and the roll of the face."""
+        return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
+
+
+@kernel()
+def _nearest(views: Any, angle: float) -> int:
+    """Index of the view angle (k,) nearest to an angle."""
+    nearest = 0
+    for k in range(views.size):
+        if abs(views[k] - angle) < abs(views[nearest] - angle):
+            nearest = k
+    return nearest
+
+
+@kernel()
+def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
+    """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,), by bilinear
+    interpolation; constant beyond the last view."""
+    row, down = _bracket(views[0], angles[0])
+    column, right = _bracket(views[1], angles[1])
+    a, b, c, d = table[row, column], table[row, column + 1], table[row + 1, column], table[row + 1, column + 1]
+    out = np.empty(a.size, np.float32)
+    for i in range(out.size):
+        out[i] = (1 - down) * ((1 - right) * a[i] + right * b[i]) + down * ((1 - right) * c[i] + right * d[i])
+    return out
+
+
+@kernel()
+def _bracket(views: Any, angle: float) -> Any:
+    """Index of the view before an angle, among increasing angles (k,), and the position between it and the next, in [0,
+    1]."""
+    k = 0
+    while k < views.size - 2 and views[k + 1] <= angle:
+        k += 1
+    return k, min(max((angle - views[k]) / (views[k + 1] - views[k]), 0.0), 1.0)
