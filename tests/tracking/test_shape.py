@@ -121,7 +121,8 @@ def test_information_adds_up_to_least_squares() -> None:
     prior_information, mean = np.linalg.inv(_prior()), _neutral()
     for _ in range(3):
         gradient = weight * (mean - measured).ravel()
-        mean = posterior.add(mean, weight * np.eye(78), gradient)
+        assert posterior.add(mean, weight * np.eye(78), gradient, novelty=1.0)
+        mean = posterior.mean
     difference = np.linalg.solve(
         prior_information + 3 * weight * np.eye(78), 3 * weight * (measured - _neutral()).ravel()
     )
@@ -132,12 +133,25 @@ def test_the_relief_is_less_uncertain_the_more_is_known() -> None:
     """Its deviation is that of the share of the relief that fits a draw of the posterior best."""
     posterior, weight = _posterior(), 100.0
     before = posterior.relief_sd
-    posterior.add(_neutral(), weight * np.eye(78), np.zeros(78))
+    posterior.add(_neutral(), weight * np.eye(78), np.zeros(78), novelty=1.0)
     covariance = np.linalg.inv(np.linalg.inv(_prior()) + weight * np.eye(78))
     stands_out = _neutral()[:, 2] - _neutral()[:, 2].mean()
     share = np.linalg.pinv((stands_out[:, None] * _rays()).reshape(-1, 1))[0]
     assert posterior.relief_sd == pytest.approx(np.sqrt(share @ covariance @ share))
     assert posterior.relief_sd < 0.5 * before
+
+
+def test_a_mean_that_is_found_later_is_the_same() -> None:
+    """Frames at a pose that is known add little: the mean waits for several of them, and loses nothing."""
+    rng = np.random.default_rng(4)
+    at_once, later = _posterior(), _posterior()
+    for novelty, waits in ((0.06, True), (0.05, True), (0.05, False)):
+        weight, gradient = 400 * novelty * np.eye(78), rng.normal(0, 1, 78)
+        assert at_once.add(_neutral(), weight, gradient, novelty=1.0)
+        assert later.add(_neutral(), weight, gradient, novelty) is not waits
+        assert np.array_equal(later.mean, _neutral()) is waits
+    np.testing.assert_allclose(later.mean, at_once.mean, atol=1e-12)
+    assert later.relief_sd == pytest.approx(at_once.relief_sd)
 
 
 def test_poses_that_come_again_say_less_and_less() -> None:

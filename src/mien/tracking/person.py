@@ -43,6 +43,8 @@ _LARGEST_MISPLACEMENT = 4.0
 _MOST_LEARNED = 0.7
 """Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
 the pose errors of the frames that it was learned from."""
+_STEP_INFORMATION = np.repeat([1e-6, 1 / 0.3**2], 6)
+"""Information of the pose step itself where it is marginalised: none of the rigid part, little of the animation."""
 _SAME_PATCH = 0.9
 """Agreement (see `PatchHistory`) above which a patch has moved with the face."""
 _SPECTACLES_TURN_DEG = (3.0, 14.0)
@@ -132,16 +134,16 @@ class Person:
         variance: Array = kernels.misplacement_variance(self.variance, self.units, error)
         return variance
 
-    def learn(self, solution: Solution, agreement: Array) -> None:
-        """Learn from a frame in which the face looks familiar. agreement: (n,) see `PatchHistory`."""
+    def learn(self, solution: Solution, agreement: Array) -> bool:
+        """Learn from a frame in which the face looks familiar; returns whether the shape has changed. agreement: (n,)
+        see `PatchHistory`."""
         s, w = self.settings, solution.w
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         trusted = solution.facing & (w > TRUSTED)
         _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
         self._learn_locations(solution)
         self._learn_eyes(solution, agreement)
-        if s.learn_shape:
-            self._learn_shape(solution)
+        return s.learn_shape and self._learn_shape(solution)
 
     def learn_view(self, solution: Solution, agreement: Array) -> None:
         """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
@@ -185,21 +187,23 @@ class Person:
         )
         _update_average(self.variance, 2, variance, found, s.location_rate, 0.0)
 
-    def _learn_shape(self, solution: Solution) -> None:
+    def _learn_shape(self, solution: Solution) -> bool:
         s, pose = self.settings, solution.pose
         share = self.adaptation.share(pose.angles)
         if _masked_mean(share, solution.facing) > _MOST_LEARNED:
-            return
+            return False
         tilt, pan = pose.angles
         expression = pose.animation - self.rest
         worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
         novelty = self.shape.novelty(tilt, pan, worth)
         if novelty < s.least_novelty:
-            return
-        regularizer = novelty * np.array([1e-6] * 6 + [1 / 0.3**2] * 6)
+            return False
+        regularizer = novelty * _STEP_INFORMATION
         weight = novelty * solution.w * (1 - share)
         Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
-        self.neutral = self.shape.add(self.neutral, Lambda, gradient)
+        changed = self.shape.add(self.neutral, Lambda, gradient, novelty)
+        self.neutral = self.shape.mean
+        return changed
 
 
 @kernel()

@@ -152,8 +152,8 @@ class RealtimeTracker:
         self.pose, self.lost_frames = solution.pose, 0
         familiar = familiarity(solution.distinctive_d2, self.pose.R, self.axes.first.R)
         if familiar > FAMILIAR and not self._misfits(solution):
-            self.person.learn(solution, self.identity.patches.agreement)
-            self.axes.learn(self.person.shape)
+            if self.person.learn(solution, self.identity.patches.agreement):
+                self.axes.learn(self.person.shape)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
         agreements = self._remember(frame, view, solution)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +34,11 @@ class Scene:
         down, across = _cell(frame)
         rows, columns = frame.height // down, frame.width // across
         image = frame.brightness[: rows * down, : columns * across]
-        a, b, c, d = (image[y::down, x::across] for y, x in product(_quarters(down), _quarters(across)))
-        total = np.add(a, b, dtype=np.uint16)
-        total += c
-        total += d
+        above, below = (image[y::down] for y in _quarters(down))
+        left, right = _quarters(across)
+        total = np.add(above[:, left::across], above[:, right::across], dtype=np.uint16)
+        total += below[:, left::across]
+        total += below[:, right::across]
         self.seen.append(total)
 
     def correlation(self, frame: Frame, face: Array, radius: float) -> float:

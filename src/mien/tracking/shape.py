@@ -21,6 +21,9 @@ from mien.tracking.kernels import add_landmark
 from mien.tracking.pose_geometry import STATE_SIZE
 from mien.tracking.state import Mask
 
+_ENOUGH = 0.15
+"""Novelty of the information added since the mean was last found, at which it is found again: at poses that are known
+every few frames."""
 _STEEPEST = 6.0
 """Slope of the surface beyond which its depth does not become less certain."""
 
@@ -63,15 +66,20 @@ class ShapePosterior:
         self.visits[key] = count + worth
         return self.settings.shape_rate * worth / (1 + count)
 
-    def add(self, neutral: Array, Lambda: Array, gradient: Array) -> Array:
-        """Add information that was linearised at `neutral`; returns the new mean (n, 3)."""
+    def add(self, neutral: Array, Lambda: Array, gradient: Array, novelty: float) -> bool:
+        """Add information that was linearised at `neutral`, of the novelty that `novelty` gave; returns whether there
+        is a new mean, which is found once enough has been added."""
         self.information += Lambda
         self.right_sides[:, 0] += Lambda @ (neutral - self.start).ravel() - gradient
+        self.added += novelty
+        if self.added < _ENOUGH:
+            return False
         self._solve()
-        return self.mean
+        return True
 
     def _solve(self) -> None:
         """Find `mean` and `relief_sd`."""
+        self.added = 0.0
         found = solve_definite(self.information, self.right_sides)
         self.relief_sd = math.sqrt(self.deepening @ found[:, 1]) / float(self.deepening @ self.deepening)
         self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
