@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from mien import batch
 from mien._version import __version__
-from mien.batch import Row, Wish, find_videos, track_all
+from mien.batch import BatchOptions, Row, find_videos, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
@@ -65,7 +65,7 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
     Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
 
-    def command(row: Row, wish: Wish) -> Command:
+    def command(row: Row, options: BatchOptions) -> Command:
         source, target = str(tmp_path / "done"), str(row.table.with_suffix(""))
         row.table.parent.mkdir(parents=True, exist_ok=True)  # as the real one does
         program = said.get(row.video.name, COPY)
@@ -137,14 +137,14 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
     (tmp_path / "other" / "a.mp4").write_bytes(b"")
     for paths, out, message in (
         ([tmp_path / "none"], tmp_path / "out", "none: no such file or folder"),
-        ([tmp_path / "empty"], tmp_path / "out", "no video is there; mien looks for .*.avi"),
+        ([tmp_path / "empty"], tmp_path / "out", "no video found; mien looks for .*.avi"),
         ([videos], videos, "holds the videos; choose another folder"),
-        ([videos, tmp_path / "other"], tmp_path / "out", "would have the same table"),
+        ([videos, tmp_path / "other"], tmp_path / "out", "would share the table"),
     ):
         with pytest.raises(MienError, match=message):
             find_videos(paths, out)
     with pytest.raises(MienError, match="unknown tracker 'papper'"):
-        track_all([videos], tmp_path / "out", Wish(preset="papper"))
+        track_all([videos], tmp_path / "out", BatchOptions(preset="papper"))
 
 
 def test_every_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -163,20 +163,20 @@ def test_every_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path
 
 def test_every_face_of_a_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     code["a.mp4"] = f"{COPY}; [shutil.copy(sys.argv[1] + e, sys.argv[2] + '.face1' + e) for e in sys.argv[3:]]"
-    done, out, wish = tmp_path / "done.json", tmp_path / "out", Wish(faces=2)
+    done, out, options = tmp_path / "done.json", tmp_path / "out", BatchOptions(faces=2)
     done.write_text(json.dumps({**json.loads(done.read_text()), "faces": 2, "faces_wanted": 2}))
-    assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
+    assert _states(track_all([videos / "a.mp4"], out, options)) == ["tracked"]
     rows = _summary(out)
     assert [(Path(row["table"]).name, row["face_id"], row["faces"]) for row in rows] == [
         ("a.csv", "0", "2"), ("a.face1.csv", "1", "2"),
     ]  # fmt: skip
     assert [row["lost"] for row in rows] == ["1", "1"]
-    assert _states(track_all([videos / "a.mp4"], out, wish)) == ["kept"]
+    assert _states(track_all([videos / "a.mp4"], out, options)) == ["kept"]
     assert len(_summary(out)) == 2
     (out / "a.face1.csv").write_bytes(b"")
-    assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
+    assert _states(track_all([videos / "a.mp4"], out, options)) == ["tracked"]
     (out / "a.face1.parquet").unlink()
-    assert _states(track_all([videos / "a.mp4"], out, wish)) == ["tracked"]
+    assert _states(track_all([videos / "a.mp4"], out, options)) == ["tracked"]
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]  # of which one face is wanted now
 
 
@@ -194,7 +194,7 @@ def test_what_is_done_is_kept(videos: Path, code: dict[str, str], tmp_path: Path
     rows = track_all([videos], out)
     assert _states(rows) == ["kept", "tracked", "kept"]
     assert (rows[0].frames, rows[0].lost, rows[0].begun) == (3, 1, 0.5)
-    assert _states(track_all([videos], out, Wish(again=True))) == ["tracked"] * 3
+    assert _states(track_all([videos], out, BatchOptions(again=True))) == ["tracked"] * 3
 
 
 def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -214,21 +214,34 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     camera = tmp_path / "camera.json"
     camera.write_text("{}")
     os.utime(camera, (0, 0))
-    other = Wish(preset="paper"), Wish(passes=2), Wish(overlay=True), Wish(plot=True), Wish(camera=camera)
-    for wish in (*other, Wish(focal_px=500), Wish(fov_deg=30), Wish(start=1), Wish(end=2), Wish(at_once=True)):
-        assert _states(track_all([videos / "sub"], out / "sub", wish)) == ["tracked"] * 2
+    other = (
+        BatchOptions(preset="paper"),
+        BatchOptions(passes=2),
+        BatchOptions(overlay=True),
+        BatchOptions(plot=True),
+        BatchOptions(camera=camera),
+    )
+    for options in (
+        *other,
+        BatchOptions(focal_px=500),
+        BatchOptions(fov_deg=30),
+        BatchOptions(start=1),
+        BatchOptions(end=2),
+        BatchOptions(at_once=True),
+    ):
+        assert _states(track_all([videos / "sub"], out / "sub", options)) == ["tracked"] * 2
 
 
 def test_settings_that_have_changed_are_used(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     own, out = tmp_path / "own.json", tmp_path / "out"
     own.write_text('{"view_rate": 0}')
-    wish = Wish(preset=f"realtime:{own}")
+    options = BatchOptions(preset=f"realtime:{own}")
     done = Track.read(tmp_path / "done.csv")
-    Track(done.table, {**done.metadata, "preset": wish.preset}).save(tmp_path / "done.csv")
-    track_all([videos], out, wish)
-    assert _states(track_all([videos], out, wish)) == ["kept"] * 3
+    Track(done.table, {**done.metadata, "preset": options.preset}).save(tmp_path / "done.csv")
+    track_all([videos], out, options)
+    assert _states(track_all([videos], out, options)) == ["kept"] * 3
     os.utime(own, (time.time() + 10, time.time() + 10))
-    assert _states(track_all([videos], out, wish)) == ["tracked"] * 3
+    assert _states(track_all([videos], out, options)) == ["tracked"] * 3
 
 
 def test_what_was_noted_of_a_video_is_kept_with_it(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -240,7 +253,7 @@ def test_what_was_noted_of_a_video_is_kept_with_it(videos: Path, code: dict[str,
     (out / "summary.csv").write_bytes(b"\xff\x00")
     assert track_all([videos / "a.mp4"], out)[0].note == ""
     del code["a.mp4"]
-    assert track_all([videos / "a.mp4"], out, Wish(again=True))[0].note == ""
+    assert track_all([videos / "a.mp4"], out, BatchOptions(again=True))[0].note == ""
 
 
 def test_what_was_noted_outlives_a_run_that_is_killed(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -271,8 +284,8 @@ def test_a_video_that_outlives_a_run_that_is_killed_says_that_nothing_was_noted(
         shutil.copy(out / f"a{ending}", left)
     for _ in range(2):
         first = track_all([videos], left)[0]
-        assert (first.state, "not known" in first.note) == ("kept", True)
-    assert track_all([videos], left, Wish(again=True))[0].note == ""
+        assert (first.state, "warnings are unknown" in first.note) == ("kept", True)
+    assert track_all([videos], left, BatchOptions(again=True))[0].note == ""
 
 
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -320,4 +333,4 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     (videos / "broken.mp4").unlink()
     again = CliRunner().invoke(app, asked)
     assert again.exit_code == 0
-    assert "0 of 1 videos tracked, 1 were before" in again.output
+    assert "0 of 1 videos tracked, 1 already done" in again.output

@@ -309,7 +309,7 @@ def test_a_file_that_is_read_often_is_complained_of_once(
     _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=2, time=0.08)], at=2)
     result = mien("track", tmp_path / "images", "-o", "out.csv", "--passes", "2")
     assert result.status == 0
-    assert result.err.count("1.png is not a readable image and was left out") == 1
+    assert result.err.count("1.png is not a readable image and was skipped") == 1
 
 
 def test_no_face_and_two_faces_with_the_real_detector(
@@ -330,8 +330,8 @@ def test_no_face_and_two_faces_with_the_real_detector(
     assert left < 320 < right
     refused(["track", two, "--face", 320, 230], "two.mkv: no face was found at 320, 230 in its 2 frames")
     refused(["track", two, "--face", 800, 10], "--face 800 10 lies outside the image of 560x240 pixels")
-    refused(["track", two, *asked, "--landmarks", "out.json"], "landmarks are given", "leave out --face")
-    refused(["track", two, "--faces", 2, *asked, "--show"], "--face, --show is for one face", "leave it out")
+    refused(["track", two, *asked, "--landmarks", "out.json"], "landmarks are given", "omit --face")
+    refused(["track", two, "--faces", 2, *asked, "--show"], "--face, --show: for one face only", "omit it")
     result = mien("track", two, "-o", "both.csv", "--faces", 4, "--plot", "both.png")
     assert "2 frames, face 1 lost in 0" in result.out
     assert "wrote both.face1.png" in result.out
@@ -339,7 +339,7 @@ def test_no_face_and_two_faces_with_the_real_detector(
     assert [table.column("x_0")[0].as_py() < 320 for table in both] == [True, False]
     assert [table.column("face_id").to_pylist() for table in both] == [[0, 0], [1, 1]]
     refused(["track", gray, "--faces", 2], "gray.mkv: no face was found in it")
-    refused(["track", 0, "--faces", 2], "camera 0 shows every frame once; several faces need a file")
+    refused(["track", 0, "--faces", 2], "camera 0 yields each frame only once; several faces need a file")
 
 
 def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 import mien
 from mien.errors import MienError, MienWarning
-from mien.faces import Followed, Places, Sighting, _apart, _appearances, _is_known, track_faces
+from mien.faces import FaceBoxes, Sighting, TrackedFace, _appearances, _is_known, _without_other_faces, track_faces
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
@@ -141,9 +141,9 @@ def _at(k: int, x: float, confidence: float, status: Status = Status.TRACKED) ->
     return Estimate(k, k / FPS, status, FACING, np.array([0, 0, 9.0]), landmarks=known, confidence=confidence)
 
 
-def _followed(estimates: Iterable[Estimate], face_id: int = 0) -> Followed:
+def _followed(estimates: Iterable[Estimate], face_id: int = 0) -> TrackedFace:
     track = Track.from_estimates(estimates, {"face_id": face_id})
-    return Followed(track, Places(track), None, Camera.from_fov(WIDTH, HEIGHT))  # type: ignore[arg-type]
+    return TrackedFace(track, FaceBoxes(track), None, Camera.from_fov(WIDTH, HEIGHT))  # type: ignore[arg-type]
 
 
 def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
@@ -151,7 +151,7 @@ def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
     other = _followed(
         [_at(0, 110.0, 0.5), _at(1, 110.0, 0.95), _at(2, 200.0, 0.5), *(_at(k, 110.0, 0.5) for k in (3, 4))], 1
     )
-    apart = _apart(other, [sure, other])
+    apart = _without_other_faces(other, [sure, other])
     assert apart.status == ["lost", "tracked", "tracked", "lost", "tracked"]
     assert apart.table.column("reason").to_pylist() == ["face 0 is here", None, None, "face 0 is here", None]
     lost = apart.table.slice(0, 1).to_pylist()[0]
@@ -160,8 +160,8 @@ def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
     }  # fmt: skip
     assert (lost["confidence"], lost["success"]) == (0, 0)
     assert apart.table.slice(1, 2).equals(other.track.table.slice(1, 2))
-    assert _apart(sure, [sure, other]).status == ["tracked", "lost", "tracked", "tracked", "lost"]
-    assert _apart(sure, [sure]) is sure.track
+    assert _without_other_faces(sure, [sure, other]).status == ["tracked", "lost", "tracked", "tracked", "lost"]
+    assert _without_other_faces(sure, [sure]) is sure.track
 
 
 def _seen(k: int, x: float, size: float = 50.0) -> Sighting:

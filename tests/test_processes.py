@@ -18,7 +18,7 @@ def _python(code: str) -> Call:
 
 def _run(*codes: str, forked: bool, time_limit: float = 60.0) -> list[Ended]:
     ended = run_commands([_python(code) for code in codes], 2, time_limit, forked=forked)
-    return sorted(ended, key=lambda one: one.place)
+    return sorted(ended, key=lambda one: one.index)
 
 
 @pytest.mark.parametrize("forked", [False, True])
@@ -35,13 +35,13 @@ def test_what_becomes_of_a_call(forked: bool) -> None:
     assert reasons[:3] == ["", "too late", "the process ended with status 3"]
     assert reasons[3] == "ValueError: alas"
     assert reasons[4] == "the process crashed (SIGABRT)"
-    assert ended[1].said == ("mien: turned", "reason: too late")
+    assert ended[1].output == ("mien: turned", "reason: too late")
 
 
 @pytest.mark.parametrize("forked", [False, True])
 def test_each_call_has_a_process_and_a_session_of_its_own(forked: bool) -> None:
     ended = _run(*["import os; print(os.getpid(), os.getsid(0), os.getppid())"] * 2, forked=forked)
-    first, second = (tuple(map(int, one.said[0].split())) for one in ended)
+    first, second = (tuple(map(int, one.output[0].split())) for one in ended)
     assert first[0] == first[1] != second[0] == second[1]
     assert first[2] == second[2]
     assert (first[2] == os.getpid()) != (forked and can_fork())
@@ -52,7 +52,7 @@ def test_a_call_has_variables_of_its_own(forked: bool) -> None:
     code = "import os; print(os.environ['THREADS_OF_A_CALL'])"
     calls = [Call(number, "builtins:exec", (code,), {"THREADS_OF_A_CALL": number}) for number in "12"]
     ended = run_commands(calls, 1, forked=forked)
-    assert [one.said for one in ended] == [("1",), ("2",)]
+    assert [one.output for one in ended] == [("1",), ("2",)]
     assert "THREADS_OF_A_CALL" not in os.environ
 
 
@@ -61,7 +61,7 @@ def test_where_none_can_be_forked_a_new_one_does(monkeypatch: pytest.MonkeyPatch
         raise OSError("AF_UNIX path too long")
 
     monkeypatch.setattr(processes, "_Forked", refused)
-    assert _run("print('here')", forked=True)[0].said == ("here",)
+    assert _run("print('here')", forked=True)[0].output == ("here",)
 
 
 @pytest.mark.parametrize("forked", [False, True])

@@ -46,12 +46,12 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"view_rat": 0}, "own.json: view_rat: unknown setting; mien.config.RealtimeSettings has them all"),
+        ({"view_rat": 0}, "own.json: view_rat: unknown setting; mien.config.RealtimeSettings lists them all"),
         ({"rank": -1}, "own.json: rank: input should be greater than or equal to 0"),
         ({"descriptor": {"cell": "four"}}, "own.json: descriptor.cell: input should be a valid integer"),
         ({"settings": {"preset": "paper"}}, "own.json: preset: input should be 'realtime'"),
-        ([1], "own.json holds no settings by name"),
-        ("{", "own.json is no JSON"),
+        ([1], "own.json holds no settings keyed by name"),
+        ("{", "own.json is not valid JSON"),
     ],
 )
 def test_settings_that_are_wrong_are_refused_by_name(tmp_path: Path, values: Any, message: str) -> None:

@@ -58,7 +58,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
         "mien.initialization.detector.look", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
-    monkeypatch.setattr(start, "LOOK_EVERY", 0.2)
+    monkeypatch.setattr(start, "DETECTION_INTERVAL", 0.2)
     return hidden
 
 

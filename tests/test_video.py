@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
 from mien.frame import Decoded, Frame, Pixels
-from mien.video import FOLDER_FPS, backwards, decoded_again, expected_count, open_video, select
+from mien.video import FOLDER_FPS, backwards, decode_frame, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
 
@@ -87,7 +87,7 @@ def test_frames_of_a_program_are_frames_and_numbered() -> None:
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
     with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
         list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
-    with pytest.raises(MienError, match=r"frame 1 has the time 0 s after 0 s; give seconds that grow, .*perf_counter"):
+    with pytest.raises(MienError, match=r"frame 1 has the time 0 s after 0 s; give increasing seconds, .*perf_counter"):
         list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
 
 
@@ -107,7 +107,7 @@ def test_time_that_jumps_back_goes_on(tmp_path: Path) -> None:
     write_video(part, [gradient(i) for i in range(40)], codec="mpeg2video", pix_fmt="yuv420p")
     joined.write_bytes(2 * part.read_bytes())
     alone = [f.time for f in frames_of(part)]
-    with pytest.warns(MienWarning, match=r"joined.ts: time jumps back from .* s, and goes on as if it did not"):
+    with pytest.warns(MienWarning, match=r"joined.ts: time jumps back from .* s; later times are shifted"):
         times = np.array([f.time for f in open_video(joined)])
     assert len(times) == 80
     np.testing.assert_allclose(times[:40], alone)
@@ -127,8 +127,8 @@ def test_where_time_jumps_back_frames_are_found_again(tmp_path: Path, monkeypatc
         frames = list(video)
     assert len(frames) == 160
     assert len(told) == 1
-    monkeypatch.setattr("mien.video.HELD_BYTES", 50 * frames[0].pixels.nbytes)
-    once_more = {f.index: decoded_again(video, f, f.index, f.time) for f in frames[::20]}
+    monkeypatch.setattr("mien.video.BUFFER_BYTES", 50 * frames[0].pixels.nbytes)
+    once_more = {f.index: decode_frame(video, f, f.index, f.time) for f in frames[::20]}
     played = list(backwards(video, begin=0.0, end=160))
     for again in (once_more, {f.index: f for f in played}):
         for index, frame in again.items():
@@ -146,7 +146,7 @@ def test_a_video_can_be_read_twice(video: Path) -> None:
 def test_a_video_is_played_backwards_in_parts(held: int, video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However little may be held in memory, at least a frame."""
     frames = frames_of(video)
-    monkeypatch.setattr("mien.video.HELD_BYTES", held * frames[0].pixels.nbytes)
+    monkeypatch.setattr("mien.video.BUFFER_BYTES", held * frames[0].pixels.nbytes)
     played = list(backwards(open_video(video), begin=0.06, end=8))
     assert [f.index for f in played] == [7, 6, 5, 4, 3, 2]
     for f in played:
@@ -157,7 +157,7 @@ def test_a_video_is_played_backwards_in_parts(held: int, video: Path, monkeypatc
 def test_a_frame_is_decoded_again(video: Path) -> None:
     frames = list(open_video(video))
     for frame in (frames[5], frames[0]):
-        again = decoded_again(open_video(video), frames[2], frame.index, frame.time)
+        again = decode_frame(open_video(video), frames[2], frame.index, frame.time)
         assert (again.index, again.time) == (frame.index, frame.time)
         np.testing.assert_array_equal(again.pixels, frame.pixels)
 
@@ -166,7 +166,7 @@ def test_where_no_key_frame_is_found_a_video_is_played_backwards_all_the_same(
     video: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frames = frames_of(video)
-    monkeypatch.setattr("mien.video.HELD_BYTES", 3 * frames[0].pixels.nbytes)
+    monkeypatch.setattr("mien.video.BUFFER_BYTES", 3 * frames[0].pixels.nbytes)
     monkeypatch.setattr("mien.video.VideoFile.between", lambda video, begin, until: iter(frames[:1]))
     played = list(backwards(open_video(video), begin=0.0, end=8))
     assert [f.index for f in played] == [7, 6, 5, 4, 3, 2, 1, 0]
@@ -350,7 +350,7 @@ def test_what_is_no_source_of_frames(source: Any) -> None:
 
 
 def test_the_address_of_a_stream_is_no_file() -> None:
-    with pytest.raises(MienError, match=r"rtsp://host/x is no file; of a stream give the frames"):
+    with pytest.raises(MienError, match=r"rtsp://host/x is not a file; read the stream yourself"):
         open_video("rtsp://host/x")
 
 

@@ -1,4 +1,4 @@
-"""mien: the 3D pose and the expression of a face in a video, with its uncertainty."""
+"""mien: 3D head pose and facial expression from video, with calibrated uncertainty."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from mien._version import __version__
 
-if TYPE_CHECKING:  # what editors and type checkers read; a name is loaded by `__getattr__`
+if TYPE_CHECKING:  # for editors and type checkers only; at run time `__getattr__` loads each name
     from mien.candide.model import Candide
     from mien.errors import MienError, MienWarning
     from mien.faces import track_faces
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # what editors and type checkers read; a name is loaded by `_
     from mien.pipeline import track
     from mien.tracking.state import Estimate, Status, Tracker
 
-# Loaded on first use, so that `import mien` and `mien --help` stay quick.
+# Loaded on first use, so that `import mien` and `mien --help` stay fast.
 _HOME = {
     "Camera": "mien.geometry.camera",
     "Candide": "mien.candide.model",

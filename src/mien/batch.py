@@ -1,4 +1,4 @@
-"""Many videos: each in a process of its own, so many at a time. What is done is kept, and a second run goes on."""
+"""Track many videos, each in its own process, several at a time; a second run resumes where the first stopped."""
 
 from __future__ import annotations
 
@@ -23,24 +23,23 @@ from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Call, Ended, Progress, run_commands
 from mien.registry import create_tracker, file_of
-from mien.start import asked
-from mien.video import VIDEO_SUFFIXES, images_of
+from mien.start import requested_options
+from mien.video import VIDEO_SUFFIXES, list_images
 
 SUMMARY = "summary.csv"
-TRACKED, KEPT, FAILED, NOT_YET = "tracked", "kept", "failed", "not yet"
-"""What became of a video: tracked now, or in an earlier run; not to be tracked; not reached before the run was stopped.
-"""
+TRACKED, KEPT, FAILED, PENDING = "tracked", "kept", "failed", "not yet"
+"""State of a video: tracked in this run; kept from an earlier run; failed; not reached before the run was stopped."""
 _FACE = re.compile(r"\.face[0-9]+$")
-"""What `Destination.of_face` puts behind the name of a table."""
-_UNHEARD = "done after mien batch had been stopped: what was warned of is not known; --again tracks it anew"
-"""The note of a video whose process outlived the run that began it."""
-_SPOKEN = "mien: "
-"""What the command line puts before its warnings and errors."""
+"""The suffix that `Destination.of_face` appends to the stem of a table."""
+_WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
+"""The note of a video whose process outlived the run that started it."""
+_MESSAGE_PREFIX = "mien: "
+"""The prefix of warnings and errors on the command line."""
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What is asked of every video: as of `mien.track`, pictures to draw, whether to do again what is done."""
+class BatchOptions:
+    """Options for every video: those of `mien.track`, what to draw, and whether to track finished videos again."""
 
     preset: str = DEFAULT_PRESET
     passes: int = 1
@@ -57,38 +56,41 @@ class Wish:
 
     @property
     def arguments(self) -> list[str]:
-        """What of it `mien track` is told."""
+        """The options as command-line arguments of `mien track`."""
         given = {"--preset": self.preset, "--passes": self.passes, "--faces": self.faces, "--camera": self.camera}
         given |= {"--focal": self.focal_px, "--fov": self.fov_deg, "--start": self.start, "--end": self.end}
         pairs = ((name, str(value)) for name, value in given.items() if value is not None)
         return [*chain.from_iterable(pairs), *["--at-once"] * self.at_once]
 
-    def is_met_by(self, metadata: Mapping[str, Any]) -> bool:
-        """Whether a track with this NAME.json is what is asked for, from this version of mien."""
+    def match(self, metadata: Mapping[str, Any]) -> bool:
+        """Whether the track with this NAME.json is complete, and from the same options and this version of mien."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
-        wanted["asked"] = asked(self, self.at_once)
+        wanted["asked"] = requested_options(self, self.at_once)
         return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
-        """Every file that a video with so many faces gets."""
+        """All files that are written for a video with this number of faces."""
         overlay, plot = _pictures(table)
         files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
         return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
 
     @property
     def inputs(self) -> list[Path]:
-        """What `mien track` reads for every video beside it."""
+        """The files that `mien track` reads in addition to each video."""
         return [file for file in (file_of(self.preset), self.camera) if file is not None]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A face of a video in the summary. faces: how many the video has; lost, unsure: frames without the face, and with
-    a confidence below a half; begun: seconds at which it was learned; note: why it failed, or what was warned of."""
+    """One face of a video in the summary.
+
+    faces: number of faces in the video; lost, unsure: number of frames without the face, and with a confidence below
+    one half; begun: time in seconds of the first frame; note: the error, or the warnings.
+    """
 
     video: Path
     table: Path
-    state: str = NOT_YET
+    state: str = PENDING
     face_id: int = 0
     faces: int | None = None
     frames: int | None = None
@@ -101,44 +103,46 @@ class Row:
 def track_all(
     paths: Sequence[Path],
     out: Path,
-    wish: Wish | None = None,
+    options: BatchOptions | None = None,
     jobs: int | None = None,
     progress: Progress = lambda done, total, name: None,
     forked: bool = False,
 ) -> list[Row]:
-    """Track every video among paths and below the folders among them; their tables go to `out`, in folders as the
-    videos', with a summary, which is written first and whenever a video is done: it holds what was noted of each.
+    """Track all videos among the paths and in the folders among them.
 
-    jobs: how many at a time, one for each processor unless given; forked: whether processes may be forked, which begin
-    sooner, but import the main module again. Raises MienError where there is nothing to track, or the tables cannot be
-    written; a video that cannot be tracked is a row.
+    The tables go to `out`, in the same folder structure as the videos, with a summary that is updated whenever a video
+    is finished.
+
+    jobs: number of videos at a time, by default one per processor; forked: whether processes may be forked, which start
+    sooner but import the main module again. Raises MienError if there is nothing to track, or the tables cannot be
+    written; a video that cannot be tracked becomes a row in the state `failed`.
     """
-    wish = wish or Wish()
-    create_tracker(wish.preset)  # an unknown one is told now, and not of every video
+    options = options or BatchOptions()
+    create_tracker(options.preset)  # report an unknown preset once, now, and not for every video
     notes = _notes(out / SUMMARY)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     waiting = []
     for k, (row,) in enumerate(found):
-        kept = None if wish.again else _kept(replace(row, note=notes.get(str(row.video), "")), wish)
+        kept = None if options.again else _kept_rows(replace(row, note=notes.get(str(row.video), "")), options)
         if kept is None:
             waiting.append(k)
         else:
             found[k] = kept
     _write(found, out / SUMMARY)
-    commands = [_command(found[k][0], wish) for k in waiting]
+    commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
     try:
         progress(len(found) - len(waiting), len(found), "")
         for ended in run_commands(commands, jobs or _processors(), started=started.append, forked=forked):
-            k = waiting[ended.place]
+            k = waiting[ended.index]
             found[k] = _outcome(found[k][0], ended)
-            with suppress(MienError):  # the next one has it, too, and the last must be written
+            with suppress(MienError):  # a later write includes it too, and the last one must succeed
                 _write(found, out / SUMMARY)
-            progress(sum(faces[0].state != NOT_YET for faces in found), len(found), started[-1])
+            progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
         done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
-        warn(f"stopped; {done} of {len(found)} videos are done, and the same command goes on from there")
+        warn(f"stopped; {done} of {len(found)} videos are done; run the same command again to continue")
         raise
     finally:
         _write(found, out / SUMMARY)
@@ -146,11 +150,13 @@ def track_all(
 
 
 def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
-    """Videos among paths and below the folders among them, and the table of each below `out`. The ending is part of the
-    table's name where two in one folder differ by it alone, and where without it the table would be that of another's
-    further face, or the summary."""
+    """All videos among the paths and in the folders among them, each with the path of its table below `out`.
+
+    The table's name includes the suffix of the video if another video in its folder has the same stem, or if the table
+    would otherwise be named like that of another video's further face, or like the summary.
+    """
     found = list(dict.fromkeys(pair for path in paths for pair in _videos_of(path, out)))
-    require(bool(found), f"{', '.join(map(str, paths))}: no video is there; mien looks for {', '.join(VIDEO_SUFFIXES)}")
+    require(bool(found), f"{', '.join(map(str, paths))}: no video found; mien looks for {', '.join(VIDEO_SUFFIXES)}")
     alike = Counter(place.with_suffix("") for _, place in found)
     tables: dict[Path, Path] = {}
     for video, place in found:
@@ -159,19 +165,18 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
         taken = alike[stem] > 1 or of_another or place.with_suffix(".csv") == Path(SUMMARY)
         table = out / (f"{place}.csv" if taken else place.with_suffix(".csv"))
         other = tables.setdefault(table, video)
-        require(other == video, f"{other} and {video} would have the same table, {table}; track one folder at a time")
+        require(other == video, f"{other} and {video} would share the table {table}; track one folder at a time")
     return [(video, table) for table, video in tables.items()]
 
 
 def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
-    """Videos of a path, each with its place below the folder that was given, which is one itself where it has no video
-    but images."""
+    """The videos of a path, each with its path relative to that folder; a folder of images only is itself a video."""
     known = path.is_dir() or path.is_file()
-    require(known, f"{path}: no such file or folder; check the name, and save what comes through a pipe as a file")
+    require(known, f"{path}: no such file or folder; check the name (the data of a pipe must be saved as a file)")
     if path.is_file():
         yield path, Path(path.name)
         return
-    # What an overlay is, is a video too.
+    # Overlays are videos too: they must not be tracked in the next run.
     require(
         not path.resolve().is_relative_to(out.resolve()),
         f"{out} holds the videos; choose another folder for the tables with -o",
@@ -180,30 +185,33 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
     shown = (file for file in below if not any(part.startswith(".") for part in file.relative_to(path).parts))
     videos = [file for file in shown if not file.resolve().is_relative_to(out.resolve())]
     yield from ((file, file.relative_to(path)) for file in videos)
-    if not videos and images_of(path):
+    if not videos and list_images(path):
         yield path, Path(f"{path.resolve().name}.images")
 
 
 def _processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _pictures(table: Path) -> tuple[Path, Path]:
-    """Overlay and plot beside a table."""
+    """Paths of the overlay and the plot of a table."""
     return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
 
 
-def _command(row: Row, wish: Wish) -> Call:
+def _command(row: Row, options: BatchOptions) -> Call:
     overlay, plot = _pictures(row.table)
-    pictures = [*["--overlay", str(overlay)] * wish.overlay, *["--plot", str(plot)] * wish.plot]
-    arguments = ("track", "-o", str(row.table), *pictures, *wish.arguments, "--quiet", "--", str(row.video))
+    pictures = [*["--overlay", str(overlay)] * options.overlay, *["--plot", str(plot)] * options.plot]
+    arguments = ("track", "-o", str(row.table), *pictures, *options.arguments, "--quiet", "--", str(row.video))
     return Call(row.video.name, "mien.worker:run", arguments)
 
 
-def _kept(row: Row, wish: Wish) -> list[Row] | None:
-    """The rows of a video whose files are all there, whole, no older than it, of as large a video, and from the same
-    tracker with the same settings; else None."""
+def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
+    """The rows of a video that need not be tracked again, else None.
+
+    All its files must exist, be complete and no older than the video, which must have the same size, and come from the
+    same tracker with the same settings.
+    """
     if not row.table.exists():
         return None
     try:
@@ -211,52 +219,53 @@ def _kept(row: Row, wish: Wish) -> list[Row] | None:
     except MienError:
         return None
     known = track.metadata
-    if not wish.is_met_by(known) or known.get("video", {}).get("bytes") != size_of(row.video):
+    if not options.match(known) or known.get("video", {}).get("bytes") != size_of(row.video):
         return None
-    files = wish.files_of(row.table, known.get("faces", 1))
-    read = [row.video, *(images_of(row.video) if row.video.is_dir() else ())]
+    files = options.files_of(row.table, known.get("faces", 1))
+    read = [row.video, *(list_images(row.video) if row.video.is_dir() else ())]
     if not all(file.exists() for file in files):
         return None
-    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *wish.inputs)):
+    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *options.inputs)):
         return None
     with suppress(MienError):
-        return _faces(replace(row, state=KEPT), track)
+        return _face_rows(replace(row, state=KEPT), track)
     return None
 
 
 def _outcome(row: Row, ended: Ended) -> list[Row]:
     """The rows of a video whose process has ended."""
-    said = " ".join(line.removeprefix(_SPOKEN) for line in ended.said if line.startswith(_SPOKEN))
+    messages = (line.removeprefix(_MESSAGE_PREFIX) for line in ended.output if line.startswith(_MESSAGE_PREFIX))
+    note = " ".join(messages)
     if ended.reason:
-        return [replace(row, state=FAILED, note=said or f"{row.video}: {ended.reason}")]
+        return [replace(row, state=FAILED, note=note or f"{row.video}: {ended.reason}")]
     try:
-        return _faces(replace(row, state=TRACKED, note=said), Track.read(row.table))
+        return _face_rows(replace(row, state=TRACKED, note=note), Track.read(row.table))
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
 
 
-def _measured(row: Row, track: Track) -> Row:
-    """The row with what the video's track says."""
+def _with_counts(row: Row, track: Track) -> Row:
+    """The row with the counts from a track of its video."""
     begun = track.time[track.status.index("initialized")] if "initialized" in track.status else None
     unsure = int((np.nan_to_num(track.confidence) < 0.5).sum())
     faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
     return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
 
 
-def _faces(row: Row, track: Track) -> list[Row]:
-    """The rows of a video's faces, of which the first has this row and track. Raises MienError where a table of another
-    is damaged."""
-    rows = [_measured(row, track)]
+def _face_rows(row: Row, track: Track) -> list[Row]:
+    """The rows of all faces of a video; `row` and `track` are those of the first. Raises MienError if the table of
+    another is damaged."""
+    rows = [_with_counts(row, track)]
     for face_id in range(1, rows[0].faces or 1):
         table = Destination(row.table).of_face(face_id).table
         if table is not None and table.exists():
-            rows.append(_measured(replace(rows[0], table=table, face_id=face_id, note=""), Track.read(table)))
+            rows.append(_with_counts(replace(rows[0], table=table, face_id=face_id, note=""), Track.read(table)))
     return rows
 
 
 def _notes(summary: Path) -> dict[str, str]:
-    """What an earlier run's summary notes of each video, by its name, and of one that had not ended then, that nothing
-    is known; nothing where there is no summary."""
+    """The notes in the summary of an earlier run, by video; empty without a summary. The note of a video that had not
+    finished then says that its warnings are unknown."""
     if not summary.is_file():
         return {}
     try:
@@ -264,11 +273,14 @@ def _notes(summary: Path) -> dict[str, str]:
             rows = [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
     except (ValueError, csv.Error):
         return {}
-    return {row.get("video") or "": _UNHEARD if row.get("state") == NOT_YET else row.get("note") or "" for row in rows}
+    return {
+        row.get("video") or "": _WARNINGS_UNKNOWN if row.get("state") == PENDING else row.get("note") or ""
+        for row in rows
+    }
 
 
 def _write(found: Sequence[Sequence[Row]], path: Path) -> None:
-    """The summary: a row a face, or a video that has none."""
+    """Write the summary: one row per face, or per video without one."""
     names = [field.name for field in fields(Row)]
     with whole_file(path) as file, file.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)

@@ -1,7 +1,7 @@
 """The command line: parse, call, print.
 
-Exit status: 0 done; 2 bad input, one sentence on stderr; 130 stopped by Ctrl-C or a signal, what was tracked is
-written. Heavy modules are imported where they are used, so that `mien --help` is quick.
+Exit status: 0 for success; 2 for bad input, with one sentence on stderr; 130 if stopped by Ctrl-C or a signal, after
+writing the frames tracked so far. Heavy modules are imported where they are used, so that `mien --help` is fast.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from mien.errors import MienError, MienWarning, interruption
 if TYPE_CHECKING:
     from mien.tracking.state import Estimate
 
-# Read when NumPy is first imported. Tracking is thousands of products of small matrices, for which BLAS's threads
-# cost more time than they save, the more so on a busy machine; several videos go faster in several processes.
+# Read when NumPy is first imported. Tracking multiplies thousands of small matrices, for which BLAS threads cost more
+# time than they save, especially on a busy machine; to track several videos faster, use several processes.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
@@ -36,29 +36,29 @@ BAD_INPUT, INTERRUPTED = 2, 130
 
 
 class _Group(TyperGroup):
-    """The commands, and the one place where errors become sentences and an exit status."""
+    """The command group, and the one place where errors become a sentence and an exit status."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
         except MienError as error:
-            _say(f"mien: {error}")
+            _print_error(f"mien: {error}")
             raise typer.Exit(BAD_INPUT) from error
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise
-            _say(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
+            _print_error(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
             raise typer.Exit(BAD_INPUT) from error
         except (KeyboardInterrupt, SystemError) as error:
             if not isinstance(interruption(error), KeyboardInterrupt):
                 raise
-            _say("mien: interrupted")
+            _print_error("mien: interrupted")
             raise typer.Exit(INTERRUPTED) from error
 
 
 app = typer.Typer(
     cls=_Group,
-    help="The 3D pose and the expression of a face in a video, with its uncertainty.",
+    help="Track the 3D pose and expression of a face in a video, with calibrated uncertainty.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -75,34 +75,34 @@ LandmarkFile = Annotated[
 CameraFile = Annotated[Path | None, typer.Option(help='JSON {"focal_px": .., "cx": .., "cy": ..}.')]
 Focal = Annotated[float | None, typer.Option(help="Focal length in pixels.", metavar="PX")]
 Fov = Annotated[float | None, typer.Option(help="Horizontal field of view; 60 if not given.", metavar="DEG")]
-Start = Annotated[float | None, typer.Option(help="Begin here.", metavar="SECONDS")]
-End = Annotated[float | None, typer.Option(help="End before this.", metavar="SECONDS")]
+Start = Annotated[float | None, typer.Option(help="Start at this time.", metavar="SECONDS")]
+End = Annotated[float | None, typer.Option(help="Stop before this time.", metavar="SECONDS")]
 AtOnce = Annotated[
-    bool, typer.Option("--at-once", help="Learn the face where it is first seen, not where it is seen best.")
+    bool, typer.Option("--at-once", help="Learn the face from the first frame that shows it, not from the best one.")
 ]
 Face = Annotated[
     tuple[float, float] | None,
-    typer.Option(metavar="X Y", help="A point of the face, in pixels; the largest face if not given."),
+    typer.Option(metavar="X Y", help="A point on the face to track, in pixels; the largest face if not given."),
 ]
 Faces = Annotated[
     int,
     typer.Option(
-        min=1, metavar="N", help="Track up to so many faces, the further ones into NAME.face1.csv, NAME.face2.csv .."
+        min=1, metavar="N", help="Track up to N faces, the others into NAME.face1.csv, NAME.face2.csv, and so on."
     ),
 ]
-Preset = Annotated[str, typer.Option(help="The tracker; realtime:FILE with the settings of a JSON, as mien writes it.")]
+Preset = Annotated[str, typer.Option(help="The tracker; realtime:FILE uses the settings of a JSON that mien wrote.")]
 Passes = Annotated[
-    int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the shape learned before.")
+    int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the face shape learned so far.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 
 
 def main() -> None:
     """Run the command line."""
-    # Imports and kernels that are compiled make many objects that stay: looking for garbage among them took a tenth of
-    # a start, and tracking leaves none.
+    # Imports and kernel compilation create many long-lived objects: collecting garbage among them took a tenth of the
+    # start-up time, and tracking creates no garbage cycles.
     gc.set_threshold(100_000)
-    for name in ("SIGTERM", "SIGHUP"):  # what was tracked is written then, too
+    for name in ("SIGTERM", "SIGHUP"):  # save the frames tracked so far, as for Ctrl-C
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.default_int_handler)
     app()
@@ -112,7 +112,7 @@ def main() -> None:
 def _common(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", MienWarning)
-    _say_once.cache_clear()
+    _print_error_once.cache_clear()
     if version:
         typer.echo(__version__)
         raise typer.Exit
@@ -120,9 +120,9 @@ def _common(version: Annotated[bool, typer.Option("--version", help="Print the v
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for what it writes.")] = Path("mien-demo"),
+    out: Annotated[Path, typer.Option(help="Output folder.")] = Path("mien-demo"),
 ) -> None:
-    """Make a short sequence with known motion, track it, and print the error against the truth."""
+    """Render a short sequence with known motion, track it, and print the error against the ground truth."""
     from mien.demo import run_demo
 
     run_demo(out)
@@ -132,7 +132,7 @@ def demo(
 def track(
     video: Video,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The table; if not given, VIDEO's name.csv in this folder.")
+        Path | None, typer.Option("-o", "--output", help="The table; by default VIDEO's name.csv in this folder.")
     ] = None,
     preset: Preset = "realtime",
     landmarks: LandmarkFile = None,
@@ -141,7 +141,9 @@ def track(
     fov: Fov = None,
     overlay: Annotated[Path | None, typer.Option(help="Video with mesh, landmarks and axes: .mp4.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png.")] = None,
-    show: Annotated[bool, typer.Option("--show", help="The same in a window, while it is tracked; Esc stops.")] = False,
+    show: Annotated[
+        bool, typer.Option("--show", help="Show the overlay in a window while tracking; Esc stops.")
+    ] = False,
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
@@ -156,13 +158,13 @@ def track(
     from mien.output.destination import Destination
     from mien.pipeline import track as track_video
 
-    output = _named(output, _stem(video) + ".csv")
+    output = _output_path(output, _stem(video) + ".csv")
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
     given |= {"start": start, "end": end, "at_once": at_once, "passes": passes}
     given |= {"save": output, "overlay": overlay, "plot": plot}
     for_one = {"--landmarks": landmarks, "--face": face, "--show": show or None}
     unwanted = [name for name, value in for_one.items() if value is not None]
-    require(faces == 1 or not unwanted, f"{', '.join(unwanted)} is for one face; leave it out, or --faces")
+    require(faces == 1 or not unwanted, f"{', '.join(unwanted)}: for one face only; omit it, or omit --faces")
     with _progress_bar(quiet) as progress:
         if faces == 1:
             tracks = [track_video(video, landmarks=landmarks, face=face, show=show, progress=progress, **given)]
@@ -178,42 +180,42 @@ def track(
 
 @app.command()
 def batch(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATHS", help="Videos, and folders that hold videos.")],
+    paths: Annotated[list[Path], typer.Argument(metavar="PATHS", help="Videos, and folders that contain videos.")],
     out: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the tables.")],
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Videos at the same time; one for each processor if not given.")
+        int | None, typer.Option(min=1, help="Number of videos at a time; by default one per processor.")
     ] = None,
     preset: Preset = "realtime",
     camera: CameraFile = None,
     focal: Focal = None,
     fov: Fov = None,
-    overlay: Annotated[bool, typer.Option("--overlay", help="An overlay video beside each table.")] = False,
-    plot: Annotated[bool, typer.Option("--plot", help="A plot beside each table.")] = False,
+    overlay: Annotated[bool, typer.Option("--overlay", help="Write an overlay video beside each table.")] = False,
+    plot: Annotated[bool, typer.Option("--plot", help="Write a plot beside each table.")] = False,
     start: Start = None,
     end: End = None,
     at_once: AtOnce = False,
     faces: Faces = 1,
     passes: Passes = 1,
-    again: Annotated[bool, typer.Option("--again", help="Track again what is tracked already.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="Track videos again that are already done.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Track many videos, several at a time, go on where an earlier run stopped, and write a summary."""
-    from mien.batch import FAILED, KEPT, SUMMARY, TRACKED, Wish, track_all
+    """Track many videos, several at a time, continue where an earlier run stopped, and write a summary."""
+    from mien.batch import FAILED, KEPT, SUMMARY, TRACKED, BatchOptions, track_all
     from mien.processes import progress_bar
 
-    wish = Wish(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
+    options = BatchOptions(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
     with progress_bar("looking for videos", quiet) as progress:
-        rows = track_all(paths, out, wish, jobs, progress, forked=True)
+        rows = track_all(paths, out, options, jobs, progress, forked=True)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}
     if not quiet:
-        kept = f", {count[KEPT]} were before" if count[KEPT] else ""
+        kept = f", {count[KEPT]} already done" if count[KEPT] else ""
         typer.echo(f"{count[TRACKED]} of {len(rows)} videos tracked{kept}")
         typer.echo(f"wrote {out / SUMMARY}")
     for row in rows:
         if row.state == FAILED:
-            _say(f"mien: {row.note}")
+            _print_error(f"mien: {row.note}")
     if count[FAILED]:
-        raise MienError(f"{count[FAILED]} of {len(rows)} videos could not be tracked; {out / SUMMARY} has them all")
+        raise MienError(f"{count[FAILED]} of {len(rows)} videos could not be tracked; {out / SUMMARY} lists them all")
 
 
 @app.command()
@@ -221,9 +223,9 @@ def landmarks(
     video: Video,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="The landmarks; if not given, VIDEO's name.landmarks.json in this folder."),
+        typer.Option("-o", "--output", help="The landmarks; by default VIDEO's name.landmarks.json in this folder."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="The picture; if not given, beside the landmarks.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="The picture; by default beside the landmarks.")] = None,
     landmarks: LandmarkFile = None,
     camera: CameraFile = None,
     focal: Focal = None,
@@ -233,13 +235,13 @@ def landmarks(
     face: Face = None,
     quiet: Quiet = False,
 ) -> None:
-    """Find the face of VIDEO where tracking begins; write its landmarks, and a picture of the fitted mesh.
+    """Find the face in the first frame; write its landmarks, and a picture of the fitted mesh.
 
-    Correct the file where the picture is wrong, see it again with --landmarks, and give it to mien track.
+    If the picture is wrong, correct the file, check it with --landmarks, and pass it to mien track.
     """
     from mien.pipeline import write_first_frame
 
-    output = _named(output, _stem(video) + ".landmarks.json")
+    output = _output_path(output, _stem(video) + ".landmarks.json")
     plot = plot or output.with_suffix(".png")
     fit = write_first_frame(
         video,
@@ -264,18 +266,18 @@ def evaluate(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="Where the data set is.")],
     out: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
     trackers: Annotated[
-        str, typer.Option(metavar="NAMES", help="With commas between, or all; openface:PATH reads what OpenFace wrote.")
+        str, typer.Option(metavar="NAMES", help="Separated by commas, or all; openface:PATH reads output of OpenFace.")
     ] = "realtime,paper,mediapipe",
     protocol: Annotated[str, typer.Option(help="paper, rebased or sensor.")] = "rebased",
-    jobs: Annotated[int, typer.Option(min=1, help="Sequences that run at the same time.")] = 1,
-    landmarks: Annotated[str, typer.Option(help="Of the first frame: detected, or from the truth.")] = "detected",
+    jobs: Annotated[int, typer.Option(min=1, help="Number of sequences at a time.")] = 1,
+    landmarks: Annotated[str, typer.Option(help="Of the first frame: detected, or truth.")] = "detected",
     focal: Focal = None,
     lost: Annotated[
-        float | None, typer.Option(metavar="DEG", help="A larger error is a lost frame in the protocol paper.")
+        float | None, typer.Option(metavar="DEG", help="Frames with a larger error count as lost (protocol paper).")
     ] = None,
     time_limit: Annotated[float | None, typer.Option(metavar="SECONDS", help="For one sequence.")] = None,
-    sequences: Annotated[str, typer.Option(metavar="NAMES", help="Only these, with commas between.")] = "",
-    timed: Annotated[int, typer.Option(min=0, help="On how many sequences the cost is measured.")] = 1,
+    sequences: Annotated[str, typer.Option(metavar="NAMES", help="Only these, separated by commas.")] = "",
+    timed: Annotated[int, typer.Option(min=0, help="Number of sequences on which speed is measured.")] = 1,
     quiet: Quiet = False,
 ) -> None:
     """Run trackers on a data set, continue where an earlier run stopped, and write the report."""
@@ -301,9 +303,9 @@ def evaluate(
 
 @app.command()
 def report(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that mien evaluate wrote.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A results folder of mien evaluate.")],
     form: Annotated[str, typer.Option("--format", help="markdown, latex, csv or html.")] = "markdown",
-    protocol: Annotated[str | None, typer.Option(help="Another than that of the evaluation.")] = None,
+    protocol: Annotated[str | None, typer.Option(help="By default that of the evaluation.")] = None,
 ) -> None:
     """Write the tables of an evaluation again, without running anything."""
     from mien.evaluation import commands
@@ -312,15 +314,15 @@ def report(
 
 
 def _stem(video: str) -> str:
-    """The name of a video's results: of the file without its ending, of the folder, or `camera-0`."""
+    """The name for the results of a video: the stem of the file, the name of the folder, or `camera-0`."""
     path = Path(video)
     if video.isdecimal() and not path.exists():
         return f"camera-{video}"
     return path.resolve().name if path.is_dir() else path.stem
 
 
-def _named(output: Path | None, name: str) -> Path:
-    """Where the output goes that has this name unless another is given: in this folder, or in the one given."""
+def _output_path(output: Path | None, name: str) -> Path:
+    """The given output path; in a given folder, or in the current one without a path, the file has this name."""
     return Path(name) if output is None else output / name if output.is_dir() else output
 
 
@@ -329,14 +331,14 @@ def _print_written(paths: list[Path]) -> None:
         typer.echo(f"wrote {path}")
 
 
-def _say(sentence: str) -> None:
+def _print_error(sentence: str) -> None:
     typer.echo(" ".join(sentence.split()), err=True)
 
 
 @cache
-def _say_once(sentence: str) -> None:
-    """What is wrong with a file is found each time that it is read."""
-    _say(sentence)
+def _print_error_once(sentence: str) -> None:
+    """Problems of a file are found again each time it is read."""
+    _print_error(sentence)
 
 
 def _show_warning(
@@ -347,16 +349,16 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """Warnings of mien as one sentence; those of others as Python writes them."""
+    """Print warnings of mien as one sentence, all others as Python does."""
     if issubclass(category, MienWarning):
-        _say_once(f"mien: {message}")
+        _print_error_once(f"mien: {message}")
     else:
         typer.echo(warnings.formatwarning(message, category, filename, lineno), err=True, nl=False)
 
 
 @contextmanager
 def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
-    """A bar with frames per second and the state of the track, if stderr is a terminal."""
+    """A progress bar with the speed and the state of the track, if stderr is a terminal."""
     if quiet:
         yield None
         return
@@ -374,7 +376,7 @@ def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("looking for the face", total=None, speed="")
 
-        first: list[float] = []  # when the first frame was done: finding and learning the face is no speed
+        first: list[float] = []  # end time of the first frame: the speed excludes finding and learning the face
 
         def advance(estimate: Estimate, total: int | None) -> None:
             if not first:
@@ -387,7 +389,7 @@ def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None
 
 
 def _state(estimate: Estimate) -> str:
-    """`tracked 97%`, or `lost: why`."""
+    """`tracked 97%`, or `lost: REASON`."""
     if estimate.status.success:
         return f"{estimate.status.value} {100 * estimate.confidence:.0f}%"
     return f"lost: {estimate.reason}"

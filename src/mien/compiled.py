@@ -1,8 +1,8 @@
-"""How the inner loops are compiled: at the first call, kept on disk, and no more of them than is called. The largest is
-compiled by a second process the first time (`tracking/first_run.py`).
+"""How Numba compiles the inner loops: on the first call of each, cached on disk. On the first run a second process
+compiles the largest (`tracking/first_run.py`).
 
-What is kept is made again when its own file changes, but not when a file changes from which it calls a kernel: whoever
-edits `tracking/kernels.py` touches `tracking/motion.py` as well, or tries an old one.
+The cache of a kernel is invalidated when its own file changes, but not when the file of a kernel that it calls does:
+after editing `tracking/kernels.py`, touch `tracking/motion.py` as well, or it will run the old code.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {
     "cache": True,
     "fastmath": {"contract", "reassoc", "arcp", "nsz", "ninf", "nnan"},
-    "error_model": "numpy",  # a division by zero is infinite and no exception, for which each would need a branch
-    "no_cfunc_wrapper": True,  # nothing calls them from C
+    "error_model": "numpy",  # division by zero gives inf; raising an exception would cost a branch per division
+    "no_cfunc_wrapper": True,  # never called from C
 }
 
 
 def kernel(**options: Any) -> Callable[[F], F]:
-    """Decorator of a function of arrays and numbers; options: of `numba.njit`, in place of the usual ones."""
+    """Decorator that compiles a function of arrays and numbers; options override the defaults for `numba.njit`."""
 
     def decorate(function: F) -> F:
         compiled: F = numba.njit(**_OPTIONS | options)(function)

@@ -1,4 +1,4 @@
-"""`mien demo`: a face in known motion is made, tracked, drawn, plotted, and compared with the truth."""
+"""`mien demo`: render a face in known motion, track it, draw and plot the track, and compare it with the truth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, move
 
 SECONDS = 4.0
 NOISE_SD = 2.0
-"""Noise of the demo's camera, in grey values."""
+"""Standard deviation of the simulated sensor noise, in grey values."""
 
 VIDEO, TRUTH, LANDMARKS = "video.mp4", "truth.npz", "landmarks.json"
 TABLE, OVERLAY, PLOT = "track.csv", "overlay.mp4", "plot.png"
@@ -28,8 +28,8 @@ TABLE, OVERLAY, PLOT = "track.csv", "overlay.mp4", "plot.png"
 
 @dataclass(frozen=True)
 class DemoErrors:
-    """Errors over the frames that were tracked: mean absolute (3,) degrees of pitch, yaw and roll, root mean
-    square of the landmarks in pixels, mean absolute (6,) of the animation units; and how many frames were lost."""
+    """Errors over the tracked frames: mean absolute error (3,) of pitch, yaw and roll in degrees, root mean square
+    error of the landmarks in pixels, mean absolute error (6,) of the animation units; and the number of lost frames."""
 
     euler_deg: Array
     landmarks_px: float
@@ -70,7 +70,7 @@ def run_demo(
 
 
 def demo_states(face: Portrait, n: int) -> Array:
-    """States (n, 12) of the portrait: it looks about and nods, then opens the mouth and raises the brows."""
+    """States (n, 12) of the portrait: it looks around and nods, then opens its mouth and raises its brows."""
     s = np.arange(n) / (SECONDS * FPS) % 1
     wave = np.sin(2 * np.pi * s)
     pitch, yaw, roll = 9 * np.sin(4 * np.pi * s), 22 * wave, 8 * np.sin(3 * np.pi * s)
@@ -87,7 +87,7 @@ def demo_states(face: Portrait, n: int) -> Array:
 
 
 def write_sequence(out: Path, face: Portrait, sequence: SyntheticSequence) -> None:
-    """Write the frames as a video, the truth beside it, and the landmarks of the first frame."""
+    """Write the frames as a video, the ground truth, and the landmarks of the first frame."""
     with OverlayWriter(out / VIDEO) as video:
         for frame in sequence.frames:
             video.write(frame.pixels, frame.time)
@@ -97,7 +97,7 @@ def write_sequence(out: Path, face: Portrait, sequence: SyntheticSequence) -> No
 
 
 def compare(result: Track, sequence: SyntheticSequence) -> DemoErrors:
-    """Errors of a track of this sequence."""
+    """Errors of a track against the ground truth of its sequence."""
     found = np.isfinite(result.euler_deg).all(axis=1)
     truth_deg = np.degrees(euler_from_matrix(sequence.R @ FACING))
     landmarks, animation = result.landmarks, result.animation

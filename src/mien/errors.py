@@ -1,4 +1,4 @@
-"""The one error, and the one warning, that a user of mien is meant to see."""
+"""The one error and the one warning that mien raises for its users."""
 
 import warnings
 
@@ -8,7 +8,7 @@ class MienError(ValueError):
 
 
 class MienWarning(UserWarning):
-    """Something was put right or left out: the message names the file or value and what was done."""
+    """Something was corrected or skipped: the message names the file or value and what was done."""
 
 
 def warn(message: str) -> None:
@@ -17,8 +17,10 @@ def warn(message: str) -> None:
 
 
 def interruption(error: BaseException) -> BaseException:
-    """The KeyboardInterrupt that an error comes from, as the SystemErrors of a compiled function that was stopped
-    within do; else the error."""
+    """The KeyboardInterrupt in the `__cause__` chain of an error, else the error itself.
+
+    A compiled function that is interrupted raises a SystemError caused by the KeyboardInterrupt.
+    """
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writes: a file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NUMBERS = re.compile(r"\[\s+([-+.\deE]+(?:,\s+[-+.\deE]+)*)\s+\]")
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write to; it is renamed when the block ends, and removed if that fails."""
+    """Temporary file in the folder of `path`, renamed to `path` when the block succeeds, removed when it fails."""
     with named_errors(path):
         beside = temporary_beside(path)
         try:
@@ -31,14 +31,14 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def put_in_place(beside: Path, path: Path) -> None:
-    """Give a file that is whole its name, and the rights of a new file."""
+    """Rename a finished temporary file to `path`, with the default permissions of a new file."""
     beside.chmod(0o666 & ~_umask())
     beside.replace(path)
 
 
 @contextmanager
 def named_errors(path: Path) -> Iterator[None]:
-    """Turn what the system says while `path` is written (disk full, no permission) into a MienError."""
+    """Turn an OSError raised while writing `path` (disk full, no permission) into a MienError."""
     try:
         yield
     except OSError as error:
@@ -46,14 +46,14 @@ def named_errors(path: Path) -> Iterator[None]:
 
 
 def temporary_beside(path: Path) -> Path:
-    """An empty new hidden file in the folder of `path` with its ending: a rename stays on one disk."""
+    """New, empty, hidden file with the suffix of `path`, in the same folder so that a rename stays on one disk."""
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     return Path(name)
 
 
 def require_writable(path: Path) -> None:
-    """Make the folder of `path`, and raise MienError with a remedy where a file there cannot be written."""
+    """Create the folder of `path`; raise MienError if a file cannot be written there."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary_beside(path).unlink()
@@ -63,20 +63,20 @@ def require_writable(path: Path) -> None:
 
 
 def require_ending(path: Path, endings: tuple[str, ...]) -> Path:
-    """The path, if its ending is one of these. Raises MienError otherwise."""
+    """The path, if its suffix is one of `endings`. Raises MienError otherwise."""
     wanted = " or ".join(endings)
     require(path.suffix.lower() in endings, f"{path}: mien writes {wanted} here; choose a name with that ending")
     return path
 
 
 def json_text(values: Mapping[str, Any]) -> str:
-    """JSON that a person can read and correct: indented, a list of numbers on one line. NaN is refused."""
+    """JSON that is easy to read and edit by hand: indented, each list of numbers on one line. Rejects NaN."""
     text = json.dumps(dict(values), indent=1, allow_nan=False)
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
 
 
 def checksum(path: Path) -> str:
-    """SHA-256 of a file, or of the names and contents of the files of a folder, in hexadecimal."""
+    """SHA-256, in hexadecimal, of a file, or of the names and contents of the files in a folder."""
     digest = hashlib.sha256()
     for file in [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file()):
         if file != path:
@@ -88,12 +88,12 @@ def checksum(path: Path) -> str:
 
 
 def size_of(path: Path) -> int | None:
-    """Bytes of a file, None of a folder."""
+    """Size of a file in bytes; None for a folder."""
     return path.stat().st_size if path.is_file() else None
 
 
 def _umask() -> int:
-    """The process's mask for new files, which `mkstemp` does not follow."""
+    """The process's umask, which `mkstemp` ignores."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -1,4 +1,4 @@
-"""One image of a video: its pixels, made when they are asked for, its place and its time."""
+"""One frame of a video: its pixels, converted on demand, its index and its time."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ Pixels = NDArray[np.uint8]
 class Frame:
     """One image, its index, and its time in seconds.
 
-    What a video decodes becomes RGB when its `pixels` are asked for, and not before: that takes longer than decoding,
-    and tracking asks for the grey of a part alone.
+    A decoded image is converted to RGB only when `pixels` is accessed: the conversion takes longer than decoding, and
+    tracking needs only the luminance of a region.
     """
 
     def __init__(self, pixels: Pixels | Decoded, index: int = 0, time: float = 0.0) -> None:
-        """pixels: (H, W, 3) uint8 RGB, or what gives them. Raises MienError where they are anything else."""
+        """pixels: (H, W, 3) uint8 RGB, or a decoded image that provides them. Raises MienError for anything else."""
         if not isinstance(pixels, Decoded):
             _check(pixels)
         self.image, self.index, self.time = pixels, index, time
         self.height, self.width = (int(n) for n in pixels.shape[:2])
 
     def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float]]:
-        """To other processes go the pixels: what was decoded stays in its own."""
+        """Pickle the RGB pixels: a decoded image cannot leave its process."""
         return Frame, (self.pixels, self.index, self.time)
 
     @cached_property
@@ -46,7 +46,7 @@ class Frame:
 
     @property
     def brightness(self) -> Pixels:
-        """(H, W) uint8 view of what is there without a conversion: luma where that was decoded, else green."""
+        """(H, W) uint8 brightness without a conversion: a view of the decoded luma, or else of the green channel."""
         return self.pixels[..., 1] if self._luma is None else self._luma
 
     @cached_property
@@ -55,7 +55,7 @@ class Frame:
         return self.gray_part(slice(None), slice(None))
 
     def gray_part(self, rows: slice, columns: slice) -> Pixels:
-        """(h, w) uint8 luminance of a part; costs what the part costs."""
+        """(h, w) uint8 luminance of a region, at the cost of that region alone."""
         if self._luma is None:
             return np.asarray(cv2.cvtColor(self.pixels[rows, columns], cv2.COLOR_RGB2GRAY), dtype=np.uint8)
         return np.ascontiguousarray(self._luma[rows, columns])
@@ -63,10 +63,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Decoded:
-    """An image of PyAV, and what it becomes upright and with square pixels, as its metadata says.
+    """An image decoded by PyAV, which becomes upright, with square pixels, as its metadata says.
 
-    converter: a VideoReformatter, one for all images of a video: it keeps how to convert, which takes several times as
-    long to find out as to do. aspect: width of a pixel over its height; the shorter side of the image is drawn out.
+    converter: a VideoReformatter shared by all images of a video: setting up a conversion takes several times as long
+    as running it. aspect: width of a pixel over its height; correcting it stretches the image, never shrinks it.
     """
 
     image: Any
@@ -74,9 +74,9 @@ class Decoded:
     aspect: float = 1.0
 
     @cached_property
-    def shown(self) -> tuple[int, int]:
-        """How players show it: its columns from the left, 1, or from the right, -1, and then so many quarters of a turn
-        counter-clockwise."""
+    def orientation(self) -> tuple[int, int]:
+        """How to display the image: column order, 1 as stored or -1 mirrored, then the number of counter-clockwise
+        quarter turns."""
         from av.sidedata.sidedata import Type
 
         matrix = self.image.side_data.get(Type.DISPLAYMATRIX)
@@ -88,55 +88,56 @@ class Decoded:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Height and width, upright."""
-        height, width = self._square
-        return (width, height) if self.shown[1] % 2 else (height, width)
+        """Height and width of the upright image."""
+        height, width = self._size_with_square_pixels
+        return (width, height) if self.orientation[1] % 2 else (height, width)
 
     @cached_property
-    def _square(self) -> tuple[int, int]:
-        """Height and width with square pixels, before it is turned."""
+    def _size_with_square_pixels(self) -> tuple[int, int]:
+        """Height and width with square pixels, before rotation."""
         height, width = int(self.image.height), int(self.image.width)
         return round(height * max(1 / self.aspect, 1)), round(width * max(self.aspect, 1))
 
     def rgb(self) -> Pixels:
         """(H, W, 3) uint8."""
         with _converting:
-            height, width = self._square
+            height, width = self._size_with_square_pixels
             pixels = self.converter.reformat(self.image, width, height, format="rgb24").to_ndarray()
-        return np.ascontiguousarray(self._as_shown(pixels))
+        return np.ascontiguousarray(self._upright(pixels))
 
     def luma(self) -> Pixels | None:
-        """(H, W) uint8, a view; None where what was decoded has no luma of eight bits apart from its colour, or no
-        square pixels."""
+        """(H, W) uint8 view of the luma plane; None if the pixel format has no separate 8-bit luma plane, or the pixels
+        are not square."""
         plane, width, height = self.image.planes[0], self.image.width, self.image.height
-        if not _has_luma(self.image.format.name) or plane.line_size < width or self._square != (height, width):
+        square = self._size_with_square_pixels == (height, width)
+        if not _has_luma(self.image.format.name) or plane.line_size < width or not square:
             return None
         rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
-        return self._as_shown(rows[:, :width])
+        return self._upright(rows[:, :width])
 
-    def _as_shown(self, pixels: Pixels) -> Pixels:
-        """A view of what was decoded, as players show it."""
-        columns, quarters = self.shown
+    def _upright(self, pixels: Pixels) -> Pixels:
+        """View of decoded pixels, mirrored and rotated for display."""
+        columns, quarters = self.orientation
         return np.rot90(pixels[:, ::columns], quarters)
 
 
 def _check(pixels: object) -> None:
-    """Refuse what is no image in RGB: values of 16 bits or fractions of one would be tracked as something else."""
-    told = f"an array {pixels.shape} of {pixels.dtype}" if isinstance(pixels, np.ndarray) else str(type(pixels))
+    """Reject anything but 8-bit RGB: 16-bit values, or floats between 0 and 1, would be misread."""
+    given = f"an array {pixels.shape} of {pixels.dtype}" if isinstance(pixels, np.ndarray) else str(type(pixels))
     require(
         isinstance(pixels, np.ndarray) and pixels.dtype == np.uint8 and pixels.shape[2:] == (3,) and pixels.size > 0,
-        f"the pixels of a frame are {told}; give an array (height, width, 3) of uint8 in RGB, "
-        "as cv2.cvtColor(image, cv2.COLOR_BGR2RGB) makes it of an image that OpenCV has read",
+        f"the pixels of a frame are {given}; give an array (height, width, 3) of uint8 in RGB, "
+        "as cv2.cvtColor(image, cv2.COLOR_BGR2RGB) makes from an image read with OpenCV",
     )
 
 
 _converting = threading.Lock()
-"""A frame may be asked for its pixels in another thread than another one of its video."""
+"""Frames of one video share a converter and may be converted in different threads."""
 
 
 @cache
 def _has_luma(name: str) -> bool:
-    """Whether a pixel format of FFmpeg begins with a plane of luma."""
+    """Whether the first plane of an FFmpeg pixel format is 8-bit luma."""
     from av import VideoFormat
 
     pixels = VideoFormat(name)

@@ -1,4 +1,4 @@
-"""The whole of it on one page: video -> first frame -> landmarks -> tracker -> Track -> files.
+"""The whole pipeline on one page: video -> first frame -> landmarks -> tracker -> Track -> files.
 
 track = mien.track("video.mp4", save="out.csv", overlay="out.mp4")
 track.to_pandas()
@@ -30,7 +30,7 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import checked, create_tracker, file_of
-from mien.start import TURNED_DEG, Footage, Start, asked, prepare
+from mien.start import TURNED_DEG, Footage, Start, prepare, requested_options
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Source, Video, backwards, open_video
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
 
 DEFAULT_PRESET = "realtime"
 _GONE_SECONDS = 10.0
-"""How long a face must be lost before the first frame for what is still earlier to be left alone."""
+"""Backward tracking stops once the face has been lost for this long."""
 
 Progress = Callable[[Estimate, int | None], None]
-"""Called after every frame with its estimate and the number of frames to expect, None where unknown."""
+"""Called after every frame with its estimate and the expected number of frames, None if unknown."""
 
 
 @runtime_checkable
 class FittedTracker(Protocol):
-    """A tracker that fits CANDIDE to the first frame, which its files and pictures then show."""
+    """A tracker that fits CANDIDE to the first frame, so that files can store the fit and overlays show its mesh."""
 
     fit: FirstFrame
 
@@ -57,14 +57,14 @@ class FittedTracker(Protocol):
 
 @runtime_checkable
 class RepeatableTracker(Protocol):
-    """A tracker that can begin again, with what it has learned."""
+    """A tracker that can start again with what it has learned."""
 
     def again(self) -> Tracker: ...
 
 
 @runtime_checkable
 class AxesTracker(Protocol):
-    """A tracker that finds the axes of the head better while it tracks it."""
+    """A tracker that refines its estimate of the head axes while tracking."""
 
     axes: HeadAxes
 
@@ -90,17 +90,17 @@ def track(
 ) -> Track:
     """Track the face of a video file, a folder of images, a camera (its number) or an iterable of `mien.Frame`.
 
-    preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected when not given.
-    camera: or its JSON file, or focal_px, or fov_deg (horizontal); 60 degrees with nothing known. start, end:
-    seconds. at_once: learn the face in the first frame that shows it, and not, of a file, in the one that shows it best
-    of the ten seconds after it looks into the camera, of a camera, where it first does. face: a point of the image, in
-    pixels, at which the face is that is tracked; the largest, where none is given. passes: 2 tracks a file twice,
-    the second time with the shape of the face that the first has taught: more accurate, half as fast. save: where
-    NAME.csv, NAME.json and NAME.parquet go; overlay: an `.mp4`; plot: a `.png`; show: in a window, while it is tracked.
+    preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected by default. camera: a
+    camera or its JSON file; or focal_px; or fov_deg (horizontal); by default 60 degrees. start, end: seconds. at_once:
+    learn the face from the first frame that shows it; by default, from the best frame within ten seconds of its looking
+    into the camera (file), or from the first in which it does (live camera). face: a point of the image, in pixels, on
+    the face to track; by default the largest face. passes: 2 tracks a file twice, the second time with the face shape
+    learned in the first: more accurate, half as fast. save: path of NAME.csv, with NAME.json and NAME.parquet beside
+    it; overlay: an `.mp4`; plot: a `.png`; show: display the overlay in a window while tracking.
 
-    When it is stopped (Ctrl-C, the window closed, an error), what was tracked is written to `save` and `plot` before
-    the exception goes on; `complete` in NAME.json is then false. Stopped in the second pass, the files are those of
-    the first. Raises MienError for bad input.
+    If tracking is interrupted (Ctrl-C, window closed, error), the frames tracked so far are written to `save` and
+    `plot` before the exception propagates, and `complete` in NAME.json is false. If that happens in the second pass,
+    the files are those of the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera, file_of(preset)))
@@ -110,13 +110,13 @@ def track(
     count = footage.frame_count
     total = None if count is None else passes * count
 
-    def tell(estimate: Estimate) -> None:
+    def report(estimate: Estimate) -> None:
         if progress is not None:
             progress(estimate, total)
 
     check_passes(passes, footage.video, tracker, preset)
-    begin = prepare(footage, landmarks, at_once, face, tell)
-    for result, _ in tracked(Pass(begin, preset, tracker, show=show), passes, files, tell):
+    begin = prepare(footage, landmarks, at_once, face, report)
+    for result, _ in run_passes(Pass(begin, preset, tracker, show=show), passes, files, report):
         files.write(result)
     files.warn_of_more(1)
     return result
@@ -124,98 +124,100 @@ def track(
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass of a tracker over its frames: the first, or one with what the pass before has learned. face_id: which
-    face of the video it is."""
+    """One pass of a tracker over its frames. number: 1, or more for a pass that starts with what the previous one has
+    learned; face_id: index of the face in the video."""
 
     begin: Start
     preset: str
     tracker: Tracker
-    turn: int = 1
+    number: int = 1
     show: bool = False
     face_id: int = 0
 
 
-def tracked(
-    first: Pass, passes: int, files: Destination, tell: Callable[[Estimate], None]
+def run_passes(
+    first: Pass, passes: int, files: Destination, report: Callable[[Estimate], None]
 ) -> Iterator[tuple[Track, Tracker]]:
-    """The track after each pass, of which only the last is drawn, and the tracker that has learned from all of it."""
+    """Run all passes; yield the track of each, and the tracker with what it has learned. Only the last is drawn."""
     this = first
-    for turn in range(1, passes + 1):
-        if turn > 1 and isinstance(this.tracker, RepeatableTracker):
-            begin = replace(this.begin, frames=this.begin.footage.frames(), told=0)
-            this = replace(this, begin=begin, tracker=this.tracker.again(), turn=turn)
-        result, tracker = _one_pass(this, files, tell, last=turn == passes)
+    for number in range(1, passes + 1):
+        if number > 1 and isinstance(this.tracker, RepeatableTracker):
+            begin = replace(this.begin, frames=this.begin.footage.frames(), reported=0)
+            this = replace(this, begin=begin, tracker=this.tracker.again(), number=number)
+        result, tracker = _run_pass(this, files, report, last=number == passes)
         yield result, tracker
         this = replace(this, tracker=tracker)
 
 
-def _one_pass(this: Pass, files: Destination, tell: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
-    """The track of one pass, of which only the last is drawn, and the tracker that has learned from all of it; where it
-    is stopped, what it has is written, unless a whole pass already is."""
+def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
+    """Run one pass; return its track, and the tracker with what it has learned. Only the last pass is drawn.
+
+    If interrupted in the first pass, write the frames tracked so far.
+    """
     begin, tracker = this.begin, this.tracker
     earlier: dict[int, Estimate] = {}
     with Recorder(files.table, this.face_id) as recorder:
         try:
             for estimate in run_back(tracker, begin):
                 earlier[estimate.index] = estimate
-                if estimate.index >= begin.told:
-                    tell(estimate)
+                if estimate.index >= begin.reported:
+                    report(estimate)
             tracker = _next_tracker(this) if earlier else tracker
             with drawing(files.overlay if last else None, this) as draw:
                 for frame, estimate in run(tracker, begin, earlier):
                     recorder.add(estimate)
                     draw(frame, estimate, this.tracker if frame.index in earlier else tracker)
-                    if estimate.status is Status.INITIALIZED and this.turn == 1:
-                        warn_of_a_turned_face(estimate, begin.footage.video.name)
-                    if frame.index >= begin.told and frame.index not in earlier:
-                        tell(estimate)
+                    if estimate.status is Status.INITIALIZED and this.number == 1:
+                        warn_if_turned(estimate, begin.footage.video.name)
+                    if frame.index >= begin.reported and frame.index not in earlier:
+                        report(estimate)
         except BaseException as raised:
             error = interruption(raised)
             if not recorder.count:
                 for index in sorted(earlier):
                     recorder.add(earlier[index])
-            if this.turn > 1 and files.table is not None:
+            if this.number > 1 and files.table is not None:
                 warn(f"stopped in the second pass; {files.table} holds the first")
             elif recorder.count and files.table is not None:
-                with suppress(MienError):  # what stopped it matters more than that its rows cannot be written
+                with suppress(MienError):  # the original error matters more than a failure to write the rows
                     stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
-                    files.write(_told(recorder, tracker, metadata(this, recorder, stopped)))
+                    files.write(_finished_track(recorder, tracker, metadata(this, recorder, stopped)))
                     warn(f"stopped after {recorder.count} frames, which are in {files.table}")
             if error is raised:
                 raise
             raise error from None
-        return _told(recorder, tracker, metadata(this, recorder)), tracker
+        return _finished_track(recorder, tracker, metadata(this, recorder)), tracker
 
 
-def _told(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:
-    """What was recorded, its rotations turned to what a tracker knows of the head's axes by now."""
+def _finished_track(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:
+    """The recorded track, with its rotations expressed in the head axes as the tracker finally knows them."""
     track = recorder.track(values)
     return track.turned(tracker.axes.tell_anew()) if isinstance(tracker, AxesTracker) else track
 
 
 def _next_tracker(this: Pass) -> Tracker:
-    """One that begins again, with what this pass has taught so far, where the tracker can."""
+    """A tracker for the forward run, with what was learned so far if the tracker supports that."""
     return this.tracker.again() if isinstance(this.tracker, RepeatableTracker) else create_tracker(this.preset)
 
 
-def warn_of_a_turned_face(first: Estimate, name: str) -> None:
-    """What the first frame shows is all that is known of a face, and a turned face shows half of it."""
+def warn_if_turned(first: Estimate, name: str) -> None:
+    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned."""
     if first.rotation is None or first.translation is None:
         return
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
         warn(
             f"{name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, and all "
-            "angles will be less certain; with --start choose a time at which it looks into the camera"
+            "angles will be less certain; use --start to begin where it looks into the camera"
         )
 
 
 def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
-    """Raise MienError for passes that cannot be had."""
-    require(isinstance(passes, int) and passes in (1, 2), f"{passes!r} passes over a video; give 1 or 2")
+    """Raise MienError for a number of passes that the video or the tracker does not allow."""
+    require(isinstance(passes, int) and passes in (1, 2), f"passes is {passes!r}; give 1 or 2")
     if passes > 1:
-        require(video.path is not None, f"{video.name} shows every frame once; more than one pass needs a file")
-        require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could begin with")
+        require(video.path is not None, f"{video.name} yields each frame only once; a second pass needs a file")
+        require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could use; give 1")
 
 
 def write_first_frame(
@@ -231,8 +233,7 @@ def write_first_frame(
     at_once: bool = False,
     face: Point | None = None,
 ) -> FirstFrame:
-    """Write the landmarks of the frame in which tracking begins, and a picture of the mesh that is fitted to them; give
-    the fit."""
+    """Write the landmarks of the first frame, and a picture of the mesh fitted to them; return the fit."""
     from mien.output.overlay import draw_mesh, save_png
 
     require(Path(plot).suffix.lower() == ".png", f"{plot}: the picture is a PNG; choose a name that ends in .png")
@@ -249,7 +250,7 @@ def write_first_frame(
 
 
 def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
-    """Estimates of what comes before the first frame, from there backwards, until the face is lost for good."""
+    """Track backwards from the first frame until the face is lost for good; yields the estimates in that order."""
     if begin.since < begin.first.time:
         seen = begin.first.time
         checked(tracker.initialize(begin.first, begin.landmarks, begin.camera), tracker, begin.first)
@@ -265,7 +266,7 @@ def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
 def run(
     tracker: Tracker, begin: Start, earlier: Mapping[int, Estimate] = MappingProxyType({})
 ) -> Iterator[tuple[Frame, Estimate]]:
-    """Each frame with its estimate; before the first, by index, from those that `run_back` gave."""
+    """Track forwards; yields each frame with its estimate, before the first that of `run_back` by index."""
     for frame in begin.frames:
         if frame.index < begin.first.index:
             yield frame, earlier.get(frame.index) or Estimate.lost(frame, "tracking begins later")
@@ -277,8 +278,7 @@ def run(
 
 @contextmanager
 def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate, Tracker], None]]:
-    """A function that draws an estimate of a tracker on its frame, into the video `path` and on the screen where they
-    are wanted."""
+    """A function that draws a tracker's estimate on its frame: into the video `path` and on the screen, if wanted."""
     if path is None and not this.show:
         yield lambda frame, estimate, tracker: None
         return
@@ -288,18 +288,18 @@ def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate
         writer = opened.enter_context(OverlayWriter(path)) if path else None
         window = opened.enter_context(Window(this.begin.footage.video.name)) if this.show else None
 
-        def drawn(frame: Frame, estimate: Estimate, tracker: Tracker) -> None:
+        def draw_estimate(frame: Frame, estimate: Estimate, tracker: Tracker) -> None:
             picture = draw(frame, [Shown(estimate, mesh_of(tracker, estimate))], this.begin.camera)
             if writer:
                 writer.write(picture, frame.time)
             if window:
                 window.show(picture)
 
-        yield drawn
+        yield draw_estimate
 
 
 def mesh_of(tracker: Tracker, estimate: Estimate) -> Mesh | None:
-    """The face model at an estimate of a tracker, where it has one."""
+    """The face mesh of a tracker at an estimate, None if it has no face model or the face is lost."""
     from mien.output.overlay import Mesh
 
     if not isinstance(tracker, FittedTracker):
@@ -309,13 +309,13 @@ def mesh_of(tracker: Tracker, estimate: Estimate) -> Mesh | None:
 
 
 def settings_of(tracker: Tracker) -> dict[str, Any]:
-    """A tracker's settings as plain values, none where it has none."""
+    """The settings of a tracker as plain values; empty if it has none."""
     own = getattr(tracker, "settings", None)
     return dict(own.model_dump(mode="json")) if isinstance(own, BaseModel) else {}
 
 
 def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapping[str, Any]:
-    """What is needed to get the same numbers again: the content of NAME.json."""
+    """The content of NAME.json: everything needed to reproduce the track."""
     begin, tracker, video = this.begin, this.tracker, this.begin.footage.video
     values: dict[str, Any] = {
         "mien": __version__,
@@ -331,9 +331,9 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
             "fps": video.fps,
         },
         "preset": this.preset,
-        "passes": this.turn,
+        "passes": this.number,
         "face_id": this.face_id,
-        "asked": asked(begin.footage, begin.at_once, begin.face),
+        "asked": requested_options(begin.footage, begin.at_once, begin.face),
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),

@@ -1,6 +1,6 @@
-"""Commands in processes of their own, so many at a time, each with a time limit.
+"""Run commands in separate processes, a given number at a time, each with a time limit.
 
-A process that is forked from one which has imported all modules begins seconds sooner than a new one.
+A process forked from one that has already imported all modules starts seconds sooner than a new one.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from mien.errors import require
 
 POLL_SECONDS = 0.02
 GRACE_SECONDS = 5.0
-"""What a process has to write what it has when it is asked to end."""
-SENTENCE = "reason: "
-"""What a process prints before the sentence that says why it failed; libraries may print after it."""
+"""How long a process that is asked to terminate has to save its results."""
+REASON_PREFIX = "reason: "
+"""Marks the line in which a process says why it failed; libraries may print more lines after it."""
 
 Progress = Callable[[int, int, str], None]
-"""Called with the number of jobs that are done, of jobs, and the name of what was started last."""
+"""Called with the number of finished jobs, the number of all jobs, and the name of the last job started."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command line, what to call it, and variables added to its environment."""
+    """A command line, its display name, and variables added to its environment."""
 
     name: str
     arguments: Sequence[str]
@@ -42,11 +42,11 @@ class Command:
 
 @dataclass(frozen=True)
 class Call:
-    """A function, `module:name`, that is called with arguments in a process of its own, what to call that, and
-    variables added to its environment.
+    """A function, `module:name`, to call in a separate process: its display name, arguments, and variables added to its
+    environment.
 
-    imported: the module that is imported before processes are forked, the function's own unless given. It is that of
-    the first call that is forked, and was imported in that one's environment.
+    imported: the module to import before forking, by default the function's own. The first call that is forked decides
+    which module, and in which environment, is imported for all.
     """
 
     name: str
@@ -57,25 +57,25 @@ class Call:
 
     @property
     def command(self) -> Command:
-        """The same in a new process."""
+        """The equivalent command line, for a new process."""
         module, _, function = self.function.partition(":")
         code = f"import sys; from {module} import {function}; {function}(*sys.argv[1:])"
         return Command(self.name, (sys.executable, "-c", code, *self.arguments), self.environment)
 
 
 def can_fork() -> bool:
-    """Whether there can be forked processes; on macOS a library that was imported before may not bear it."""
+    """Whether forking is safe; on macOS, libraries that are already imported may not survive it."""
     return sys.platform == "linux"
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A command that has ended: its place among the commands, why it failed ("" if it did not), and the lines that it
+    """A command that has ended: its index among the commands, why it failed ("" on success), and the lines that it
     printed."""
 
-    place: int
+    index: int
     reason: str
-    said: tuple[str, ...]
+    output: tuple[str, ...]
 
 
 def run_commands(
@@ -87,10 +87,10 @@ def run_commands(
 ) -> Iterator[Ended]:
     """Run commands, `jobs` at a time, and yield each when it has ended.
 
-    time_limit: seconds that each may take; forked: whether processes of calls may be forked, where there can be such,
-    from one that has imported their module; they import this one's main module again. The reason is the last line that
-    the process printed, the signal that ended it, or the time limit. Processes that still run when the iteration is
-    given up are asked to end.
+    time_limit: seconds per command; forked: whether calls may be forked, where the system allows it, from a process
+    that has imported their module; forked processes import the main module of this one again. The reason for a failure
+    is the last line that the process printed, the signal that ended it, or the time limit. If the iteration is
+    abandoned, processes that are still running are asked to terminate.
     """
     require(jobs >= 1, f"the number of jobs must be at least 1, not {jobs}")
     require(time_limit > 0, f"the time limit must be positive, not {time_limit:g} seconds")
@@ -99,13 +99,13 @@ def run_commands(
     try:
         while waiting or running:
             while waiting and len(running) < jobs:
-                place, command = waiting.popleft()
-                running[place] = _Process(command, forked and can_fork())
+                index, command = waiting.popleft()
+                running[index] = _Process(command, forked and can_fork())
                 started(command.name)
-            reasons = {place: reason for place, p in running.items() if (reason := p.reason(time_limit)) is not None}
-            ended = [Ended(place, reason, running[place].said()) for place, reason in reasons.items()]
-            for place in reasons:
-                running.pop(place).close()
+            reasons = {index: reason for index, p in running.items() if (reason := p.reason(time_limit)) is not None}
+            ended = [Ended(index, reason, running[index].output_lines()) for index, reason in reasons.items()]
+            for index in reasons:
+                running.pop(index).close()
             yield from ended
             if not ended:
                 time.sleep(POLL_SECONDS)
@@ -117,8 +117,8 @@ def run_commands(
 
 
 @contextmanager
-def progress_bar(looking: str, quiet: bool) -> Iterator[Progress]:
-    """A bar on stderr with the name of what was started last; `looking`: what it says before there is something."""
+def progress_bar(initial_text: str, quiet: bool) -> Iterator[Progress]:
+    """A progress bar on stderr that names the last job started; initial_text: shown before the first one."""
     if quiet:
         yield lambda done, total, name: None
         return
@@ -129,7 +129,7 @@ def progress_bar(looking: str, quiet: bool) -> Iterator[Progress]:
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
     console = Console(stderr=True)
     with RichProgress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task(looking, total=None)
+        task = bar.add_task(initial_text, total=None)
 
         def show(done: int, total: int, name: str) -> None:
             bar.update(task, completed=done, total=total, description=name)
@@ -138,13 +138,13 @@ def progress_bar(looking: str, quiet: bool) -> Iterator[Progress]:
 
 
 class _Forked:
-    """A call in a process that is forked, as a `subprocess.Popen`."""
+    """A call in a forked process, with the interface of `subprocess.Popen`."""
 
     def __init__(self, call: Call, output: str) -> None:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([call.imported or call.function.partition(":")[0]])
-        self._process = context.Process(target=_called, args=(call, output), daemon=False)
-        with _added(call.environment):
+        self._process = context.Process(target=_run_call, args=(call, output), daemon=False)
+        with _extended_environment(call.environment):
             self._process.start()
         assert self._process.pid is not None, "it has started"
         self.pid = self._process.pid
@@ -163,8 +163,8 @@ class _Forked:
 
 
 @contextmanager
-def _added(environment: Mapping[str, str]) -> Iterator[None]:
-    """Variables added to this process's environment, which those that it starts meanwhile inherit."""
+def _extended_environment(environment: Mapping[str, str]) -> Iterator[None]:
+    """Add variables to the environment of this process for the block; processes that it starts inherit them."""
     before = {name: os.environ.get(name) for name in environment}
     os.environ.update(environment)
     try:
@@ -177,12 +177,12 @@ def _added(environment: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _called(call: Call, output: str) -> None:
-    """Make a call in this process, the first of a session, with all that it writes going to a file."""
+def _run_call(call: Call, output: str) -> None:
+    """Run a call in this forked process, as the leader of a new session, with stdout and stderr appended to a file."""
     os.setsid()
     try:
         file = os.open(output, os.O_WRONLY | os.O_APPEND)
-    except FileNotFoundError:  # whoever wanted this was stopped before it began
+    except FileNotFoundError:  # the parent was stopped before this process started
         return
     for stream in (1, 2):
         os.dup2(file, stream)
@@ -201,7 +201,7 @@ class _Process:
         self._process: subprocess.Popen[bytes] | _Forked
         if isinstance(command, Call):
             if forked:
-                with suppress(OSError):  # where the name of the folder for its socket is too long
+                with suppress(OSError):  # the path of its socket may be too long
                     self._process = _Forked(command, self._output.name)
                     return
             command = command.command
@@ -215,7 +215,7 @@ class _Process:
         )
 
     def reason(self, time_limit: float) -> str | None:
-        """None while it runs, "" when it has succeeded, else why it failed."""
+        """None while the process runs, "" after success, else why it failed."""
         status = self._process.poll()
         if status is None:
             if time.monotonic() - self._start < time_limit:
@@ -225,32 +225,32 @@ class _Process:
             return ""
         if status < 0:
             return f"the process crashed ({signal.Signals(-status).name})"
-        return self._sentence() or f"the process ended with status {status}"
+        return self._failure_message() or f"the process ended with status {status}"
 
-    def said(self) -> tuple[str, ...]:
-        """The lines that it has printed so far."""
+    def output_lines(self) -> tuple[str, ...]:
+        """The lines that the process has printed so far, stripped and without empty ones."""
         self._output.seek(0)
         lines = self._output.read().decode(errors="replace").split("\n")
         return tuple(line.strip() for line in lines if line.strip())
 
     def interrupt(self) -> None:
-        """Ask the process to end."""
+        """Ask the process to terminate."""
         if self._process.poll() is None:
             self._process.terminate()
 
     def close(self, grace: float = 0.0) -> None:
-        """End the process and those that it started, `grace` seconds from now if it has not ended by itself."""
+        """Wait `grace` seconds for the process to end by itself, then kill it and the processes that it started."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(grace)
         if self._process.poll() is None:
-            with suppress(AttributeError, ProcessLookupError):  # not of every system, or not yet the first of its group
+            with suppress(AttributeError, ProcessLookupError):  # no killpg on this system, or not yet a group leader
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._process.kill()
             self._process.wait()
         self._output.close()
 
-    def _sentence(self) -> str:
-        """The last line that was printed, or the last that says why it failed."""
-        said = self.said()
-        sentences = [line.removeprefix(SENTENCE) for line in said if line.startswith(SENTENCE)]
-        return next(reversed(sentences or said), "")
+    def _failure_message(self) -> str:
+        """The last line marked as the reason, or else the last line printed."""
+        lines = self.output_lines()
+        reasons = [line.removeprefix(REASON_PREFIX) for line in lines if line.startswith(REASON_PREFIX)]
+        return next(reversed(reasons or lines), "")

@@ -1,4 +1,4 @@
-"""Every tracker by name: the presets, the trackers of Table 1, the peers. Loaded when asked for."""
+"""All trackers by name: the presets, the trackers of Table 1, and other software. Imported on demand."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ TRACKERS: Mapping[str, str] = MappingProxyType(
 
 
 SETTINGS: Mapping[str, str] = MappingProxyType({"realtime": "RealtimeSettings", "paper": "PaperSettings"})
-"""The settings in `mien.config` of the trackers that take a file of them."""
+"""The class in `mien.config` for the settings of each tracker that accepts a settings file."""
 
 
 def create_tracker(name: str) -> Tracker:
-    """A new tracker: NAME with its default settings, `realtime:FILE` or `paper:FILE` with those of a JSON file,
-    `openface:FILE`, or MODULE:CLASS of your own.
+    """Create a tracker: NAME with default settings, `realtime:FILE` or `paper:FILE` with the settings of a JSON file,
+    `openface:FILE`, or your own MODULE:CLASS.
 
-    Raises MienError with the known names for an unknown one, and for settings that are not right.
+    Raises MienError for an unknown name, listing the known ones, and for invalid settings.
     """
     require(isinstance(name, str), f"a tracker is given by its name, not by {name!r}")
     known = name.partition(":")[0]
@@ -64,24 +64,24 @@ def create_tracker(name: str) -> Tracker:
 
 
 def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
-    """What a tracker has returned for a frame. Raises MienError where it is no estimate, as one of your own may do."""
+    """What a tracker returned for a frame. Raises MienError if it is not an Estimate; your own tracker may be wrong."""
     if not isinstance(returned, Estimate):
         cls = type(tracker)
         raise MienError(
             f"{cls.__module__}:{cls.__qualname__} returned {type(returned).__name__} for frame {frame.index}; its "
-            "initialize and track must return a mien.Estimate, where there is no face Estimate.lost(frame, reason)"
+            "initialize and track must return a mien.Estimate, or Estimate.lost(frame, reason) if there is no face"
         )
     return returned
 
 
 def file_of(name: str) -> Path | None:
-    """The file, or folder, that a tracker is to read, of its name; None where there is none."""
+    """The file or folder in the name of a tracker, NAME:FILE; None if there is none."""
     known, _, argument = name.partition(":")
     return Path(argument) if argument and known in TRACKERS else None
 
 
 def code_of(name: str) -> Path | None:
-    """The file of a tracker of your own, MODULE:CLASS; None for those of mien."""
+    """The source file of your own tracker, MODULE:CLASS; None for the trackers of mien."""
     module, _, cls = name.partition(":")
     if module in TRACKERS or not cls:
         return None
@@ -94,7 +94,7 @@ def code_of(name: str) -> Path | None:
 
 
 def argument_of(name: str) -> Settings | str | None:
-    """What a tracker takes for its file: the settings in it, or its name; None where there is none."""
+    """The argument of a tracker named NAME:FILE: the settings in the file, or its path; None without a file."""
     file = file_of(name)
     if file is None:
         return None
@@ -109,7 +109,7 @@ def argument_of(name: str) -> Settings | str | None:
 
 @contextmanager
 def _here() -> Iterator[None]:
-    """Python finds the modules of the folder in which it runs, as with `python -c`."""
+    """Let Python import modules from the current folder, as with `python -c`."""
     sys.path.insert(0, "")
     try:
         yield
@@ -118,7 +118,7 @@ def _here() -> Iterator[None]:
 
 
 def _module(module: str) -> ModuleType | None:
-    """The module of a tracker; None if it is not one of mien's and does not exist."""
+    """Import the module of a tracker; None if it does not exist and is not part of mien."""
     try:
         with _here():
             return import_module(module)

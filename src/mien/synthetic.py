@@ -1,7 +1,7 @@
-"""Sequences with known truth: a portrait, textured onto the fitted model, in motion before its own background.
+"""Synthetic sequences with ground truth: a portrait, textured onto the fitted model, moves before its own background.
 
-Pure: a portrait and the states of Eq. (2) go in, frames and truth come out. The demo and the tests of the trackers
-use it. The head carries a rim of hair and neck with it, which fades into the blurred background.
+Pure: a portrait and the states of Eq. (2) go in, frames and ground truth come out. The demo and the tests of the
+trackers use it. A rim of hair and neck moves with the head and fades into the blurred background.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from mien.tracking.state import pack, unpack
 
 PORTRAIT_SIZE = (320, 240)
 PORTRAIT_ZOOM, PORTRAIT_CORNER = 1.25, (97.0, 8.0)
-"""Which part of scikit-image's photograph is the portrait: the zoom, and the pixel that becomes its corner."""
+"""The crop of scikit-image's photograph that is the portrait: its zoom, and the pixel at its corner."""
 FPS = 25.0
 SUPERSAMPLING = 2
 OCCLUDER_COLOUR = (70, 90, 120)
 RIM_WIDTH, RIM_DEPTH = 1.0, 0.4
-"""How far the rim reaches beyond the outline of the mesh, as a part of its size, and backwards in units."""
+"""How far the rim extends beyond the outline of the mesh, as a fraction of its size, and backwards, in units."""
 
 _OUTLINE = (0, 11, 12, 14, 29, 28, 30, 32, 10, 65, 63, 61, 62, 47, 45, 44)
 
@@ -53,7 +53,7 @@ class Portrait:
 
 @dataclass(frozen=True)
 class SyntheticSequence:
-    """Frames and their truth: R (n, 3, 3) head -> camera, t (n, 3), animation (n, 6), landmarks (n, 26, 2) pixels."""
+    """Frames and ground truth: R (n, 3, 3) head -> camera, t (n, 3), animation (n, 6), landmarks (n, 26, 2) pixels."""
 
     frames: tuple[Frame, ...]
     R: Array
@@ -63,7 +63,7 @@ class SyntheticSequence:
 
 
 def portrait() -> Portrait:
-    """The portrait that scikit-image distributes, at 320x240, with the landmarks that come with the package."""
+    """The portrait from scikit-image, at 320x240 pixels, with the landmarks that are part of this package."""
     from skimage.data import astronaut  # slow to import
 
     A = np.hstack([PORTRAIT_ZOOM * np.eye(2), -PORTRAIT_ZOOM * np.array(PORTRAIT_CORNER)[:, None]])
@@ -75,8 +75,8 @@ def portrait() -> Portrait:
 
 
 def moved(portrait: Portrait, angles_deg: Array, shift: Array, animation: Array) -> Array:
-    """States (n, 12): the portrait turned by (n, 3) Euler angles in degrees, shifted by (n, 3) units in camera
-    axes, with (n, 6) animation added to its own."""
+    """States (n, 12) of the portrait rotated by Euler angles (n, 3) in degrees, shifted by (n, 3) CANDIDE units in
+    camera axes, with animation (n, 6) added to its own."""
     fit = portrait.fit
     return np.stack(
         [
@@ -98,8 +98,8 @@ def make_sequence(
 ) -> SyntheticSequence:
     """Render the portrait in the states (n, 12).
 
-    noise_sd: standard deviation of the sensor's noise in grey values; gain: (n,) factor of the brightness;
-    occluders: frame -> rectangle (x0, y0, x1, y1) in pixels that something covers; blank: frames without a picture.
+    noise_sd: standard deviation of the sensor noise in grey values; gain: (n,) brightness factors;
+    occluders: frame -> occluded rectangle (x0, y0, x1, y1) in pixels; blank: frames that are black.
     """
     rng = np.random.default_rng(seed)
     poses = [unpack(b) for b in states]
@@ -120,9 +120,9 @@ def make_sequence(
 
 
 def pictures(portrait: Portrait, states: Array) -> Iterator[NDArray[np.float32]]:
-    """The portrait in the states (n, 12) before noise and rounding: one (H, W, 3) float32 each."""
-    face = _Face(portrait)
-    return (face.draw(*unpack(b)) for b in states)
+    """The portrait in the states (n, 12), before noise and rounding: (H, W, 3) float32 images."""
+    head = _HeadRenderer(portrait)
+    return (head.draw(*unpack(b)) for b in states)
 
 
 def _project_landmarks(portrait: Portrait, R: Array, t: Array, animation: Array) -> Array:
@@ -130,8 +130,8 @@ def _project_landmarks(portrait: Portrait, R: Array, t: Array, animation: Array)
     return portrait.camera.project(X @ R.T + t)[0]
 
 
-class _Face:
-    """The textured head: the mesh, the mouth between the lips, and a rim that fades out."""
+class _HeadRenderer:
+    """Draws the textured head: the mesh, the mouth between the lips, and the rim that fades out."""
 
     def __init__(self, portrait: Portrait) -> None:
         self.fit, self.frame = portrait.fit, portrait.frame
@@ -144,14 +144,14 @@ class _Face:
         self.background = _background(self.frame.pixels, uv)
 
     def _vertices(self, animation: Array) -> Array:
-        """Vertices in head axes, the rim's behind those of the model."""
+        """Vertices in head axes: those of the model, then those of the rim."""
         vertices = self.fit.vertices(animation)
         outline = vertices[list(_OUTLINE)]
         rim = outline + RIM_WIDTH * (outline - outline.mean(axis=0)) * [1, 1, 0] - [0, 0, RIM_DEPTH]
         return np.vstack([vertices, rim])
 
     def draw(self, R: Array, t: Array, animation: Array) -> NDArray[np.float32]:
-        """(H, W, 3) float32 picture of the head in this state before the background."""
+        """(H, W, 3) float32 image of the head in this state in front of the background."""
         size = (self.frame.width, self.frame.height)
         large = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
         X = self._vertices(animation) @ R.T + t
@@ -161,14 +161,14 @@ class _Face:
 
 
 def _rim_triangles(vertex_count: int) -> NDArray[np.intp]:
-    """A band between the outline, which runs clockwise seen from outside, and the rim's vertices."""
+    """Triangles of the band between the outline, clockwise seen from outside, and the vertices of the rim."""
     n = len(_OUTLINE)
     ring = [(_OUTLINE[k], _OUTLINE[(k + 1) % n], vertex_count + k, vertex_count + (k + 1) % n) for k in range(n)]
     return np.array([t for a, b, c, d in ring for t in ((a, d, c), (a, b, d))], dtype=np.intp)
 
 
 def _fading(pixels: Pixels, uv: Array) -> NDArray[np.float32]:
-    """The picture with its opacity as fourth channel, multiplied by it: one on the face, none at the rim's end."""
+    """The image premultiplied by its opacity, which is the fourth channel: 1 on the face, 0 at the end of the rim."""
     outline, rim = uv[list(_OUTLINE)], uv[-len(_OUTLINE) :]
     width = float(np.linalg.norm(rim - outline, axis=1).mean()) / 6
     opacity = cv2.GaussianBlur(_filled(0.4 * outline + 0.6 * rim, pixels).astype(np.float32), (0, 0), width)[..., None]
@@ -176,13 +176,13 @@ def _fading(pixels: Pixels, uv: Array) -> NDArray[np.float32]:
 
 
 def _background(pixels: Pixels, uv: Array) -> NDArray[np.float32]:
-    """The portrait without the head, out of focus: (H, W, 3) float32."""
+    """The portrait with the head inpainted, out of focus: (H, W, 3) float32."""
     without = cv2.inpaint(pixels, _filled(uv[-len(_OUTLINE) :], pixels), 5, cv2.INPAINT_TELEA)
     return np.asarray(cv2.GaussianBlur(without, (0, 0), 6), np.float32)
 
 
 def _filled(polygon: Array, pixels: Pixels) -> NDArray[np.uint8]:
-    """(H, W) one inside the polygon (n, 2)."""
+    """Mask (H, W), 1 inside the polygon (n, 2)."""
     mask = np.zeros(pixels.shape[:2], np.uint8)
     cv2.fillPoly(mask, [np.round(polygon).astype(np.int32)], (1,))
     return mask

@@ -1,8 +1,8 @@
-"""Where frames come from: a file, a folder of images, a camera, a program that reads them itself.
+"""Sources of frames: a file, a folder of images, a camera, or frames that a program reads itself.
 
-Times are the container's own time stamps in seconds, also where the frame rate varies. Everything becomes
-RGB with 8 bits, turned and mirrored as the container says, and its pixels square. A frame whose size differs from the
-first one's is scaled into it without distortion, with black borders and a warning. Frames are decoded one at a time.
+Times are the container's time stamps in seconds, even if the frame rate varies. Every frame becomes 8-bit RGB with
+square pixels, rotated and mirrored as the container says. A frame whose size differs from that of the first is scaled
+to fit it, with black borders and a warning. Frames are decoded one at a time.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ VIDEO_SUFFIXES = (
     ".3gp", ".asf", ".avi", ".dv", ".flv", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf",
     ".ogv", ".ts", ".vob", ".webm", ".wmv",
 )  # fmt: skip
-"""What is a video where a folder is searched for them; a file that is named may have any ending."""
+"""What counts as a video when a folder is searched; a file given by name may have any suffix."""
 FOLDER_FPS = 25.0
-"""Frames per second of a folder of images, which carries no time."""
+"""Frame rate assumed for a folder of images, which carries no time stamps."""
 _JUMP_S = 1.0
-"""By how much time jumps back where files were joined; by less where a time stamp is wrong alone."""
-HELD_BYTES = 1 << 29
-"""How much of a video is held in memory to play it backwards."""
-_NARROWEST = 4.0
-"""Proportion of a pixel's sides beyond which a header that states it is wrong."""
+"""A backward step in time larger than this means that files were joined; a smaller one is a single wrong time stamp."""
+BUFFER_BYTES = 1 << 29
+"""Memory, in bytes, for the frames that are buffered to play a video backwards."""
+_MAXIMUM_ASPECT = 4.0
+"""Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
 
 
 class Video(Protocol):
-    """Where frames come from; iterating decodes from the beginning.
+    """A source of frames; each iteration decodes from the beginning.
 
-    path: the file or folder, None where every frame is shown once; fps: frames per second, on average;
-    frame_count: how many frames to expect, None where nothing says so.
+    path: the file or folder, None for a source that yields each frame only once; fps: mean frames per second;
+    frame_count: expected number of frames, None if unknown.
     """
 
     @property
@@ -60,13 +60,13 @@ class Video(Protocol):
 
 
 Source = str | Path | int | Iterable[Frame]
-"""A file, a folder of images, a camera's number, or frames that a program of yours reads."""
+"""A file, a folder of images, the number of a camera, or frames that your own program reads."""
 
 
 def open_video(source: Source) -> Video:
-    """The frames of a video file, of a folder of images sorted by name, of a camera by its number, or these frames.
+    """Open a video file, a folder of images sorted by name, a camera by its number, or an iterable of frames.
 
-    Raises MienError where there is no such file or it is not a video.
+    Raises MienError if the file does not exist or is not a video.
     """
     number = isinstance(source, Integral) and not isinstance(source, bool)
     if isinstance(source, Iterable) and not isinstance(source, (str, bytes, np.ndarray)):
@@ -79,21 +79,23 @@ def open_video(source: Source) -> Video:
     path = Path(str(source))
     if number or (str(source).isdecimal() and not path.exists()):
         return CameraDevice(int(str(source)))
-    require("://" not in str(source), f"{source} is no file; of a stream give the frames, see mien.stream")
+    require(
+        "://" not in str(source), f"{source} is not a file; read the stream yourself and pass frames to mien.stream"
+    )
     require(path.exists(), f"{path}: no such file; check the name")
     require(
         path.is_dir() or path.is_file(),
-        f"{path} is a pipe or a device, and a video is read more than once; save it as a file, or give its frames to "
+        f"{path} is a pipe or a device, but a video is read more than once; save it as a file, or pass its frames to "
         "mien.stream",
     )
     return _open_folder(path) if path.is_dir() else _open_file(path)
 
 
 def select(video: Video, start: float | None = None, end: float | None = None) -> Iterator[Frame]:
-    """The frames with `start <= time < end` (seconds), each with its index in the whole video.
+    """The frames in the half-open interval `start <= time < end` (seconds), with their indices in the whole video.
 
-    Frames before `start` are decoded and passed over, so that indices stay exact. Raises MienError if the
-    interval is empty or holds no frame.
+    Frames before `start` are decoded and skipped, so that indices stay exact. Raises MienError if the interval is
+    empty or contains no frame.
     """
     require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
     last, found, ended = 0.0, False, False
@@ -107,46 +109,46 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
             yield frame
     after = "" if start is None else f" from {start:g} s" + (" on" if end is None else "")
     before = "" if end is None else f" before {end:g} s"
-    there = "the next" if ended else "its last"
-    require(found, f"{video.name} has no frame{after}{before}; {there} is at {last:g} s")
+    nearest = "the next" if ended else "its last"
+    require(found, f"{video.name} has no frame{after}{before}; {nearest} is at {last:g} s")
 
 
 def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
-    """The frames from `begin` (seconds) on whose index is less than `end`, the last first.
+    """The frames with `time >= begin` (seconds) and `index < end`, in reverse order.
 
-    No more of them are held at a time than `HELD_BYTES` allow: where there are more, each part is decoded anew.
+    At most `BUFFER_BYTES` of frames are buffered at a time; a longer interval is decoded again in parts.
     """
-    there: list[tuple[int, float]] = []
-    held: deque[Frame] = deque()
+    remaining: list[tuple[int, float]] = []
+    buffer: deque[Frame] = deque()
     for frame in video:
         if frame.index >= end:
             break
         if frame.time >= begin:
-            there.append((frame.index, frame.time))
-            held.append(frame)
-            if len(held) > 1 and len(held) * 3 * frame.height * frame.width > HELD_BYTES:
-                held.popleft()
-    most = len(held)
-    while held:
-        there = there[: -len(held)]
-        size = held[0].height, held[0].width
-        while held:
-            yield held.pop()
-        held.extend(_part(video, there[-most:], size))
+            remaining.append((frame.index, frame.time))
+            buffer.append(frame)
+            if len(buffer) > 1 and len(buffer) * 3 * frame.height * frame.width > BUFFER_BYTES:
+                buffer.popleft()
+    capacity = len(buffer)
+    while buffer:
+        remaining = remaining[: -len(buffer)]
+        size = buffer[0].height, buffer[0].width
+        while buffer:
+            yield buffer.pop()
+        buffer.extend(_decode_frames(video, remaining[-capacity:], size))
 
 
-def decoded_again(video: Video, frame: Frame, index: int, time: float) -> Frame:
-    """The frame of a video with an index and a time (seconds), as large as another one of its frames: from the nearest
-    key frame on, where that finds it."""
-    return _part(video, [(index, time)], (frame.height, frame.width))[0]
+def decode_frame(video: Video, like: Frame, index: int, time: float) -> Frame:
+    """Decode the frame with this index and time (seconds), in the size of the frame `like`, if possible from the
+    nearest key frame."""
+    return _decode_frames(video, [(index, time)], (like.height, like.width))[0]
 
 
-def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
-    """The frames with these indices and times: from the nearest key frame on, or, where time jumps back, or the
-    container does not find them all so, from the beginning."""
-    if not there:
+def _decode_frames(video: Video, stamps: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
+    """Decode the frames with these indices and times: from the nearest key frame, or from the beginning if time jumps
+    back or seeking does not find them all."""
+    if not stamps:
         return []
-    indices, times = zip(*there, strict=True)
+    indices, times = zip(*stamps, strict=True)
     if isinstance(video, VideoFile) and video.in_order:
         found = list(video.between(times[0], times[-1]))
         if [f.time for f in found] == list(times) and all((f.height, f.width) == size for f in found):
@@ -157,20 +159,20 @@ def _part(video: Video, there: Sequence[tuple[int, float]], size: tuple[int, int
 
 
 def expected_count(video: Video, start: float | None = None, end: float | None = None) -> int | None:
-    """How many frames `select` will give, about; None where nothing says so."""
+    """Approximate number of frames that `select` will yield; None if unknown."""
     if video.frame_count is None:
         return None
     first = 0 if start is None else math.ceil(start * video.fps - 1e-6)
-    behind = video.frame_count if end is None else math.ceil(end * video.fps - 1e-6)
-    return max(min(behind, video.frame_count) - first, 1)
+    stop = video.frame_count if end is None else math.ceil(end * video.fps - 1e-6)
+    return max(min(stop, video.frame_count) - first, 1)
 
 
 @dataclass(frozen=True)
 class VideoFile:
-    """A file that FFmpeg reads: what its header states of it, 0 where it states nothing.
+    """A file that FFmpeg reads, with what its header states; 0 means not stated.
 
     begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height; may_jump: whether
-    files of its kind may be joined, so that time jumps back.
+    the container format allows files to be concatenated, so that time may jump back.
     """
 
     path: Path
@@ -190,12 +192,12 @@ class VideoFile:
         return self.declared or round(self.duration * self.fps) or None
 
     def __iter__(self) -> Iterator[Frame]:
-        return _one_size(self._frames(), self.name)
+        return _same_size(self._frames(), self.name)
 
     @cached_property
     def in_order(self) -> bool:
-        """Whether time never jumps back; in files that were joined it does, and a time may be that of two frames. Where
-        it may, the file is read once to know."""
+        """Whether time never jumps back; in concatenated files it does, and two frames may have the same time. If the
+        format allows it, the packets of the whole file are read once to find out."""
         if not self.may_jump:
             return True
         import av
@@ -209,8 +211,10 @@ class VideoFile:
                 return False
 
     def between(self, begin: float, until: float) -> Iterator[Frame]:
-        """The frames from one time to another, both in seconds and included, without index and as large as they are.
-        They are decoded from the last key frame on: some containers do not find that, and frames are missing."""
+        """The frames in the closed interval [begin, until] (seconds), without index and in their original size.
+
+        Decoding starts at the key frame before `begin`; in some containers seeking misses it, and frames are missing.
+        """
         converter = _converter()
         for image in _decoded(self.path, begin):
             if image is None or image.time is None or image.time > until:
@@ -221,23 +225,23 @@ class VideoFile:
     def _frames(self) -> Iterator[Frame]:
         converter = _converter()
         count, time, until, damaged = 0, self.begin, self.begin, False
-        later = 0.0  # than the time stamps say
+        offset = 0.0  # added to the time stamps after a backward jump
         for image in _decoded(self.path):
             if image is None:
                 damaged = True
                 continue
-            told = until if image.time is None else float(image.time) + later
-            if count > 0 and told < time - _JUMP_S:
-                if later == 0:
-                    warn(f"{self.path}: time jumps back from {time:.2f} to {told:.2f} s, and goes on as if it did not")
-                later += until - told
-            time = told if count == 0 or told > time else until
+            stamp = until if image.time is None else float(image.time) + offset
+            if count > 0 and stamp < time - _JUMP_S:
+                if offset == 0:
+                    warn(f"{self.path}: time jumps back from {time:.2f} to {stamp:.2f} s; later times are shifted")
+                offset += until - stamp
+            time = stamp if count == 0 or stamp > time else until
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
             yield Frame(Decoded(image, converter, self.aspect), count, time)
             count += 1
         require(
             count > 0,
-            f"{self.path}: no frame could be decoded; the file is empty, damaged, or of a kind that is not read; "
+            f"{self.path}: no frame could be decoded; the file is empty, damaged, or of a kind that is not supported; "
             "convert it to MP4",
         )
         if damaged or self._ends_early(count, until):
@@ -245,7 +249,7 @@ class VideoFile:
             warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {time:.2f} s")
 
     def _ends_early(self, count: int, until: float) -> bool:
-        """Whether frames are missing after `until`; with no count stated the length may be the sound's."""
+        """Whether frames are missing after `until`; without a stated count, the duration may be that of the audio."""
         missing = self.begin + self.duration - until
         return missing > 0.5 / self.fps and (
             count < self.declared or (self.declared == 0 and missing > max(1.0, 0.05 * self.duration))
@@ -254,7 +258,7 @@ class VideoFile:
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """Images of a folder in the order of their names and of the numbers in these, `FOLDER_FPS` a second."""
+    """The images of a folder in natural order of their names, at `FOLDER_FPS` frames per second."""
 
     path: Path
     images: tuple[Path, ...]
@@ -269,14 +273,14 @@ class ImageFolder:
         return len(self.images)
 
     def __iter__(self) -> Iterator[Frame]:
-        return _one_size(self._frames(), self.name)
+        return _same_size(self._frames(), self.name)
 
     def _frames(self) -> Iterator[Frame]:
         count = 0
         for index, file in enumerate(self.images):
             image = cv2.imread(str(file), cv2.IMREAD_COLOR)
             if image is None:
-                warn(f"{file} is not a readable image and was left out")
+                warn(f"{file} is not a readable image and was skipped")
                 continue
             yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, index / self.fps)
             count += 1
@@ -285,7 +289,7 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class CameraDevice:
-    """A camera by its number; times are seconds since its first frame. It ends when the camera does."""
+    """A camera by its number; times are seconds since its first frame. Iteration ends when the camera stops."""
 
     number: int
     path: None = None
@@ -297,17 +301,17 @@ class CameraDevice:
         return f"camera {self.number}"
 
     def __iter__(self) -> Iterator[Frame]:
-        log: Any = getattr(cv2.utils, "logging", cv2)  # where OpenCV 5 keeps it, and where 4 does
+        log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, else OpenCV 4
         level = log.getLogLevel()
-        log.setLogLevel(0)  # what is wrong is said below
+        log.setLogLevel(0)  # the error below replaces OpenCV's messages
         device = cv2.VideoCapture(self.number)
         log.setLogLevel(level)
         try:
             require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
             first: float | None = None
             for index in itertools.count():
-                there, image = device.read()
-                if not there:
+                success, image = device.read()
+                if not success:
                     return
                 now = perf_counter()
                 first = now if first is None else first
@@ -318,7 +322,7 @@ class CameraDevice:
 
 @dataclass(frozen=True)
 class GivenFrames:
-    """Frames that a program reads itself, each once, as of a camera; they end when it ends them."""
+    """Frames that a program reads itself; like those of a camera, each can be read only once."""
 
     frames: Iterable[Frame]
     path: None = None
@@ -327,21 +331,21 @@ class GivenFrames:
     name: str = "the frames"
 
     def __iter__(self) -> Iterator[Frame]:
-        return _one_size(self._checked(), self.name)
+        return _same_size(self._checked(), self.name)
 
     def _checked(self) -> Iterator[Frame]:
         last, time = -1, -math.inf
         for frame in self.frames:
             require(
-                isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, seconds)"
+                isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)"
             )
             require(
                 frame.index > last,
-                f"frame {frame.index} comes after frame {last}; number them, as mien.Frame(pixels, index, seconds)",
+                f"frame {frame.index} comes after frame {last}; number them in order: mien.Frame(pixels, index, time)",
             )
             require(
                 frame.time > time,
-                f"frame {frame.index} has the time {frame.time:g} s after {time:g} s; give seconds that grow, as "
+                f"frame {frame.index} has the time {frame.time:g} s after {time:g} s; give increasing seconds, as in "
                 "mien.Frame(pixels, index, time.perf_counter())",
             )
             last, time = frame.index, frame.time
@@ -354,32 +358,32 @@ def _open_file(path: Path) -> VideoFile:
         fps = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
         begin = stream.start_time * stream.time_base if stream.start_time else 0.0
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
-        if container.format.name == "avi" and stream.frames:  # FFmpeg shortens it where the file is cut
+        if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
             length = stream.frames / fps
         matroska = "matroska" in container.format.name
-        if matroska:  # there it is when the last frame ends
+        if matroska:  # its duration is the end time of the last frame
             length = max(length - begin, 0)
         aspect = float(stream.sample_aspect_ratio or 1)
-        aspect = aspect if 1 / _NARROWEST <= aspect <= _NARROWEST else 1.0
+        aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
         return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump)
 
 
-def images_of(folder: Path) -> list[Path]:
-    """The images of a folder in the order of their names and of the numbers in these."""
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder in natural order: frame2 before frame10."""
     found = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    return sorted(found, key=_by_number)
+    return sorted(found, key=_natural_order)
 
 
 def _open_folder(path: Path) -> ImageFolder:
-    images = images_of(path)
-    require(bool(images), f"{path} holds no image; mien reads {', '.join(IMAGE_SUFFIXES)}")
+    images = list_images(path)
+    require(bool(images), f"{path} holds no images; mien reads {', '.join(IMAGE_SUFFIXES)}")
     return ImageFolder(path, tuple(images))
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
-    """What sorts names with numbers in them as people count: frame2 before frame10."""
-    parts = re.split(r"([0-9]+)", path.name)  # text and numbers by turns
+def _natural_order(path: Path) -> list[tuple[int, str]]:
+    """Sort key for natural order."""
+    parts = re.split(r"([0-9]+)", path.name)  # text and numbers alternate
     return [(int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)] + [(0, path.name)]
 
 
@@ -391,7 +395,7 @@ def _container(path: Path) -> Any:
     except (av.error.FFmpegError, OSError) as error:
         reason = (error.strerror or str(error)).lower()
         raise MienError(f"{path} cannot be read as a video ({reason}); check or convert the file") from error
-    # FFmpeg reads any text as the output of a terminal.
+    # FFmpeg accepts any text file as the format "tty", terminal output.
     if not container.streams.video or container.format.name == "tty":
         container.close()
         raise MienError(f"{path} is not a video; give a video file or a folder of images")
@@ -399,8 +403,8 @@ def _container(path: Path) -> Any:
 
 
 def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
-    """Images as PyAV decodes them, and None for a packet that is damaged; from the last key frame before `begin`
-    (seconds) on."""
+    """Images as PyAV decodes them, with None for a damaged packet, from the beginning or from the key frame before
+    `begin` (seconds)."""
     import av
 
     with _container(path) as container:
@@ -432,8 +436,8 @@ def _converter() -> Any:
     return VideoReformatter()
 
 
-def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
-    """The frames, all of the size of the first."""
+def _same_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
+    """The frames, all scaled to the size of the first; warns once."""
     size: tuple[int, int] | None = None
     warned = False
     for frame in frames:
@@ -445,12 +449,12 @@ def _one_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
                     f"{size[0]}x{size[1]}; frames of another size are scaled to fit the first"
                 )
             warned = True
-            frame = Frame(_fitted(frame.pixels, size), frame.index, frame.time)
+            frame = Frame(_letterboxed(frame.pixels, size), frame.index, frame.time)
         yield frame
 
 
-def _fitted(pixels: Pixels, size: tuple[int, int]) -> Pixels:
-    """The image scaled into `size` (width, height), its proportions kept, the rest black."""
+def _letterboxed(pixels: Pixels, size: tuple[int, int]) -> Pixels:
+    """The image scaled to fit `size` (width, height), with its aspect ratio kept and black borders."""
     height, width = pixels.shape[:2]
     scale = min(size[0] / width, size[1] / height)
     inner = (max(round(scale * width), 1), max(round(scale * height), 1))

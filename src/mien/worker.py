@@ -1,8 +1,7 @@
-"""The command line, and the jobs of an evaluation, in processes that are forked from one which has imported this: what
-tracking a video needs, of code and compiled kernels, is there already.
+"""Preloaded by the process from which the command line and evaluation jobs are forked, so that a fork starts with all
+the code and compiled kernels that tracking needs.
 
-Nothing here starts a thread, which a forked process would be without, but for one of Arrow's allocator, which knows of
-forks.
+Nothing here may start a thread, as threads do not survive a fork; the one of Arrow's allocator handles forks itself.
 """
 
 from __future__ import annotations
@@ -26,6 +25,6 @@ first_run.load_cached()
 
 
 def run(*arguments: str) -> None:
-    """What `mien` does with these arguments."""
+    """Run `mien` with these arguments."""
     sys.argv = ["mien", *arguments]
     main()

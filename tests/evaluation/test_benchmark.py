@@ -188,7 +188,7 @@ def test_commands_in_processes() -> None:
         python("import sys; sys.exit('alas')"),
     ]
     started: list[str] = []
-    ended = {one.place: one.reason for one in run_commands(commands, 2, 60.0, started.append)}
+    ended = {one.index: one.reason for one in run_commands(commands, 2, 60.0, started.append)}
     assert ended == {0: "", 1: "too late", 2: "the process ended with status 3", 3: "alas"}
     assert started == [c.name for c in commands]
     with pytest.raises(MienError, match="at least 1"):

@@ -169,8 +169,8 @@ def _run(
     for done, one in enumerate(ended, 1):
         progress(done, len(jobs), started[-1])
         if one.reason:
-            failed.append((jobs[one.place], one.reason))
-            on_failure(jobs[one.place], one.reason)
+            failed.append((jobs[one.index], one.reason))
+            on_failure(jobs[one.index], one.reason)
     return failed
 
 

@@ -21,7 +21,7 @@ from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.run import count_frames, run_sequence, time_sequence
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks
-from mien.processes import SENTENCE
+from mien.processes import REASON_PREFIX
 from mien.registry import create_tracker
 from mien.video import open_video
 
@@ -62,12 +62,12 @@ def main(job: str) -> None:
     try:
         run(Job(**json.loads(job)))
     except MienError as e:
-        sys.exit(f"{SENTENCE}{e}")
+        sys.exit(f"{REASON_PREFIX}{e}")
     except Exception as e:
         traceback.print_exc()
         where = traceback.extract_tb(e.__traceback__)[-1]
         sys.exit(
-            f"{SENTENCE}{type(e).__name__}: {' '.join(str(e).split())} ({Path(where.filename).name}, line "
+            f"{REASON_PREFIX}{type(e).__name__}: {' '.join(str(e).split())} ({Path(where.filename).name}, line "
             f"{where.lineno})"
         )
 

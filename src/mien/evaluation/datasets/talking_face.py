@@ -25,7 +25,7 @@ from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
 from mien.evaluation.points12 import POINT_NAMES, TWELVE
 from mien.geometry.rotation import Array
 from mien.initialization.landmark_files import PTS_ORIGIN, read_landmarks
-from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, images_of
+from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
 
 FGNET_POINTS = (27, 29, 34, 32, 67, 41, 39, 43, 48, 54, 51, 57)
 """The twelve points in FGnet's order of annotation, in the order of `points12.POINT_NAMES`."""
@@ -74,7 +74,7 @@ def _frames(root: Path, points: Mapping[str, Path]) -> tuple[dict[str, int], Pat
     images = [p for p in sorted(root.rglob("*")) if p.suffix.lower() in IMAGE_SUFFIXES]
     if images:
         folder = images[0].parent
-        return {p.stem: i for i, p in enumerate(images_of(folder))}, folder
+        return {p.stem: i for i, p in enumerate(list_images(folder))}, folder
     videos = [p for p in sorted(root.rglob("*")) if p.suffix.lower() in VIDEO_SUFFIXES]
     require(len(videos) == 1, f"{root} holds no images and {len(videos)} videos; it needs the images or one video")
     return {name: _number(file) for name, file in points.items()}, videos[0]
