@@ -33,7 +33,7 @@ def network(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
     if request.param == "OpenCV":
         monkeypatch.setattr(detector, "MediaPipeMesh", not_installed)
-        monkeypatch.setattr(detector, "_kept", threading.local())
+        monkeypatch.setattr(detector, "_thread_cache", threading.local())
     return str(request.param)
 
 
@@ -160,7 +160,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
     frames = [Frame(small_motion().frames[0].pixels, k) for k in range(1, 1 + len(answers))]
     shown = iter(answers)
     monkeypatch.setattr(detector._Finder, "near", lambda finder, frame: next(shown))
-    monkeypatch.setattr(detector._Finder, "closer", lambda finder, frame, place: [])
+    monkeypatch.setattr(detector._Finder, "in_crop", lambda finder, frame, place: [])
     first = detector._landmarks(small_motion().frames[0], _moved(0.0))
     followed = list(detector.follow(first, frames))
     assert [frame.index for frame, _ in followed] == [1, 3, 5]

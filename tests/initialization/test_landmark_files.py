@@ -126,7 +126,7 @@ BROKEN = {
     "scheme.json": (_json(scheme="ibug51"), "unknown scheme 'ibug51'"),
     "nan.json": (_json(points=[[float("nan"), 1.0]] * 68), "not a finite number"),
     "null.json": (_json(points=[[None, 1.0]] * 68), "not a finite number"),
-    "depths.json": (_json(depths=[1.0, 2.0]), "`depths` must be one finite number for each point"),
+    "depths.json": (_json(depths=[1.0, 2.0]), "`depths` must have one finite number per point"),
     "open.pts": ("version: 1\nn_points: 68\n1 2\n", "no points between braces"),
     "endless.json": (_json(frame=float("inf")), "needs `scheme` and `points`"),
     "bare.pts": ("n_points 68\n{\n" + "1 2\n" * 60 + "}", "states 68 points and holds 60"),

@@ -1,1 +1,1 @@
-"""From landmarks on the first frame to the model and the first state, section 3.1 of the paper."""
+"""From landmarks in the first frame to the face model and the initial state, section 3.1 of the paper."""

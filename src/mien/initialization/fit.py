@@ -1,8 +1,8 @@
 """The first frame: pose, shape and animation from landmarks, section 3.1 of the paper.
 
-POSIT gives the pose of the mean face; then pose, shape and animation are fitted together, as the
-maximum of a posterior with Gaussian landmarks, robust to outliers, and the shape's own prior. Which way a person
-faces is then known to a few degrees, as heads differ; that people look into the camera when they begin is a prior.
+POSIT gives the pose of the mean face; then pose, shape and animation are fitted jointly, as the maximum of a posterior
+with a robust Gaussian likelihood of the landmarks and the shape prior. As heads differ, this leaves the facing
+direction uncertain by a few degrees; a prior that people look into the camera at the start reduces that.
 """
 
 from __future__ import annotations
@@ -33,27 +33,28 @@ from mien.initialization.shape_prior import ShapePrior, shape_prior
 LANDMARK_SD = 0.012
 """Standard deviation of a landmark's image position, as a length on the face in CANDIDE units."""
 DEPTH_SD = 0.03
-"""The same for a landmark's relative depth, where the source estimates one."""
+"""The same for a landmark's relative depth, if the source estimates one."""
 ANIMATION_SD = 0.2
-"""Prior standard deviation of the animation units on the first frame, which is mostly neutral."""
+"""Prior standard deviation of the animation units in the first frame, which is mostly neutral."""
 LEAN_DEG = 2.0
-"""CANDIDE's z axis points this much further up than that of 3D head models: measured on three subjects, whose
-heads differ among themselves by as much (docs/method.md)."""
+"""CANDIDE's z axis points this much further up than that of 3D head models; measured on three subjects, whose heads
+differ from each other by as much (docs/method.md)."""
 AXES_SD_DEG = (3.0, 1.5, 0.8)
-"""Standard deviation of a person's own axes (tilt, pan, roll) from those of the fitted model: with these the rotations
-that follow are most likely, over starts from 0 to 45 degrees of nine people (docs/benchmark.md)."""
+"""Standard deviation of a person's own head axes (tilt, pan, roll) from those of the fitted model: these maximise the
+likelihood of later rotations, over first frames at 0 to 45 degrees of nine people (docs/benchmark.md)."""
 FRONTAL_SHARE, FRONTAL_SD_DEG, ELSEWHERE_SD_DEG = 0.5, 3.0, 20.0
-"""Half of the people look into the camera when they begin, to so many degrees; the others look anywhere."""
+"""Prior of the facing direction in the first frame: this fraction of people look into the camera, with the first
+standard deviation in degrees; the others look elsewhere, with the second."""
 
 
 @dataclass(frozen=True)
 class FirstFrame:
-    """Model and state of the first frame.
+    """Face model and state of the first frame.
 
     R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
-    coefficients: (M,) of the shape prior; residual_px: root mean square distance of the landmarks from the fitted
-    vertices; model: in the axes that the head was given; turn: (3, 3), from those of the model as it was fitted to
-    these; axes_sd: (3,) radians, standard deviations of these axes in tilt, pan and roll.
+    coefficients: (M,) of the shape prior; residual_px: root mean square reprojection error of the landmarks;
+    model: in head axes; turn: (3, 3), from the axes of the fitted model to the head axes; axes_sd: (3,) radians,
+    standard deviations of the head axes in tilt, pan and roll.
     """
 
     R: Array
@@ -74,13 +75,13 @@ class FirstFrame:
         return self.prior.sigma(self.coefficients)
 
     def vertices(self, animation: Array | None = None) -> Array:
-        """(V, 3) vertices in head axes, with the first frame's animation unless another is given."""
+        """Vertices (V, 3) in head axes, by default with the animation of the first frame."""
         a = self.animation if animation is None else animation
         return np.asarray(self.shape + np.tensordot(a, self.model.animation_units, axes=1))
 
 
 def tracked_model(model: Candide) -> tuple[Candide, ShapePrior]:
-    """A model with the six units of the state, upright, and the prior of its shape."""
+    """The model with the six animation units of the state, upright, and its shape prior."""
     upright = model.with_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
     return upright, shape_prior(upright)
 
@@ -91,10 +92,10 @@ def _default_model() -> tuple[Candide, ShapePrior]:
 
 
 def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None = None) -> FirstFrame:
-    """Fit a model, with the six units that are tracked, to the landmarks of the first frame.
+    """Fit a face model, with the six tracked animation units, to the landmarks of the first frame.
 
-    model: with the vertices of CANDIDE-3 in its order and its animation units by name, for example
-    `read_wfm(path).model`; the package's own unless given. Raises MienError for a model that lacks any.
+    model: by default the package's own; another must have the vertices of CANDIDE-3, in its order, and its animation
+    units by name, as from `read_wfm(path).model`. Raises MienError for a model that lacks any.
     """
     model, prior = _default_model() if model is None else tracked_model(model)
     vertices, points, depths = landmarks.correspondences()
@@ -129,10 +130,11 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
 def most_likely_facing(
     R: Array, t: Array, axes_sd_deg: tuple[float, float, float] = AXES_SD_DEG
 ) -> tuple[Array, Array]:
-    """Expected rotation (3, 3) of a head whose fitted model stands in R (3, 3) at t (3,), camera axes, and the standard
-    deviations (3,) of its tilt, pan and roll in radians. axes_sd_deg: those of the head's axes from the model's.
+    """Expected rotation (3, 3) of a head, given the pose R (3, 3), t (3,) of its fitted model, camera axes, and the
+    standard deviations (3,) of its tilt, pan and roll in radians. axes_sd_deg: of the head axes from the model's.
 
-    The prior is a mixture: a person looks into the camera, nearly, or anywhere. Far from the camera nothing changes.
+    The prior is a mixture: a person looks nearly into the camera, or anywhere. A head that is clearly turned away is
+    left as fitted.
     """
     ray = ray_rotation(t)
     angles = np.degrees(euler_from_matrix(ray.T @ R @ FACING))
@@ -141,15 +143,15 @@ def most_likely_facing(
     odds = (1 - FRONTAL_SHARE) / FRONTAL_SHARE * np.sqrt(np.prod(frontal / elsewhere))
     exponent = 0.5 * float((angles**2 * (1 / frontal - 1 / elsewhere)).sum())
     looks = 1 / (1 + odds * np.exp(min(exponent, 500.0)))
-    # Of somebody who looks elsewhere the fit is believed: that prior would take a hundredth off.
-    back = axes / frontal
-    expected = angles * (1 - looks * back)
-    variance = looks * axes * (1 - back) + (1 - looks) * axes + looks * (1 - looks) * (angles * back) ** 2
+    # The broad prior for looking elsewhere is neglected: it would shrink the angles by only one percent.
+    gain = axes / frontal
+    expected = angles * (1 - looks * gain)
+    variance = looks * axes * (1 - gain) + (1 - looks) * axes + looks * (1 - looks) * (angles * gain) ** 2
     return np.asarray(ray @ matrix_from_euler(np.radians(expected)) @ FACING), np.radians(np.sqrt(variance))
 
 
 def turned_deg(R: Array, t: Array) -> float:
-    """Angle in degrees between where a face with pose R (3, 3), t (3,) looks and the camera."""
+    """Angle in degrees between the facing direction of a pose R (3, 3), t (3,) and the direction to the camera."""
     return float(np.degrees(np.arccos(np.clip(-(R[:, 2] @ t) / np.linalg.norm(t), -1, 1))))
 
 
@@ -159,7 +161,7 @@ def _minimize(problem: _Problem, x: Array, iterations: int = 30) -> Array:
     r = problem.residuals(x)
     for _ in range(iterations):
         J = problem.jacobian(x)
-        # Weights of rho(s) = 2 (sqrt(1 + s) - 1); the prior's own rows, at the end, stay quadratic.
+        # Weights of rho(s) = 2 (sqrt(1 + s) - 1); the prior's rows, at the end, stay quadratic.
         w = np.where(np.arange(len(r)) < problem.measurements, 1 / np.sqrt(1 + r * r), 1.0)
         H, g = (J.T * w) @ J, J.T @ (w * r)
         step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
@@ -199,16 +201,16 @@ class _Problem:
 
     @property
     def measurements(self) -> int:
-        """Rows that are measured; the rest is the prior."""
+        """Number of measurement rows; the rest are the prior's."""
         return len(self.points) * (2 if self.depths is None else 3)
 
     def cost(self, r: Array) -> float:
-        """Robust sum of squares of residuals."""
+        """Robust sum of squared residuals."""
         measured, prior = r[: self.measurements], r[self.measurements :]
         return float((2 * (np.sqrt(1 + measured**2) - 1)).sum() + (prior**2).sum())
 
     def camera_points(self, x: Array) -> tuple[Array, Array]:
-        """Points (n, 3) in camera axes and the same without translation."""
+        """Points (n, 3) in camera axes, and the same without the translation."""
         X = self.mean + np.tensordot(x[6 : 6 + len(self.fields)], self.fields, axes=1)
         rotated = X @ (exp(x[:3]) @ self.R).T
         return rotated + x[3:6], rotated
@@ -230,7 +232,7 @@ class _Problem:
         X, rotated = self.camera_points(x)
         R = exp(x[:3]) @ self.R
         n = len(X)
-        J_point = np.zeros((n, 3, self.size))  # camera point by x
+        J_point = np.zeros((n, 3, self.size))  # of the camera points with respect to x
         J_left = left_jacobian(x[:3])
         for k in range(n):
             J_point[k, :, :3] = -hat(rotated[k]) @ J_left

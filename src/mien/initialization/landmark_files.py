@@ -1,7 +1,7 @@
-"""Landmarks from and to files: mien's JSON, iBUG-68 `.pts`, a row of an OpenFace CSV.
+"""Read and write landmarks: mien's JSON, iBUG-68 `.pts`, a row of an OpenFace CSV.
 
-Points of a `.pts` count pixels from 1, as 300-W does: 1 is taken off when reading and added when writing.
-JSON and CSV count pixels from 0.
+Pixel coordinates in a `.pts` start at 1, as in 300-W: reading subtracts 1 and writing adds it. In JSON and CSV they
+start at 0.
 """
 
 from __future__ import annotations
@@ -23,23 +23,22 @@ from mien.initialization.landmarks import Landmarks
 
 PTS_ORIGIN = 1.0
 TIME_TOLERANCE = 0.5
-"""Seconds that the nearest row of a CSV may lie from the frame that it is to describe."""
+"""Largest time difference in seconds between a frame and the nearest row of a CSV."""
 _SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 
 
 def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landmarks:
-    """Landmarks of the frame with this index and time (seconds) from a `.json`, `.pts` or `.csv` file.
+    """Read the landmarks of the frame with this index and time (seconds) from a `.json`, `.pts` or `.csv` file.
 
-    A JSON (of mien landmarks, or NAME.json of a track) says itself which frame it belongs to; of a CSV the row
-    that is nearest in time is taken, or by number where it has no times. Raises MienError naming the file and
-    the remedy.
+    A JSON (from `mien landmarks`, or NAME.json of a track) states its own frame; from a CSV, the row nearest in time is
+    read, or the row with this index if it has no times. Raises MienError naming the file and the remedy.
     """
-    named = isinstance(path, (str, Path))
-    require(named, f"landmarks are {type(path)}; give mien.Landmarks or the name of their file")
+    is_path = isinstance(path, (str, Path))
+    require(is_path, f"landmarks are {type(path)}; give mien.Landmarks or the name of a landmark file")
     path = Path(path)
     readers: dict[str, Callable[[Path, int, float], Landmarks]]
     readers = {".json": _read_json, ".pts": _read_pts, ".csv": _read_csv}
-    require(path.is_file(), f"{path}: no such file; check the name, or make one with mien landmarks VIDEO")
+    require(path.is_file(), f"{path}: no such file; check the name, or create one with mien landmarks VIDEO")
     require(path.suffix.lower() in readers, f"{path}: landmarks are read from {', '.join(readers)}")
     try:
         return readers[path.suffix.lower()](path, index, time)
@@ -53,21 +52,21 @@ def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
     writers = {".json": _json_text, ".pts": _pts_text}
     require(path.suffix.lower() in writers, f"{path}: landmarks are written to {' or '.join(writers)}")
     text = writers[path.suffix.lower()](path, landmarks)
-    with whole_file(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _read_json(path: Path, index: int, time: float) -> Landmarks:
     text = path.read_text(encoding="utf-8")
     try:
         values: dict[str, Any] = json.loads(text)
-        values = values.get("landmarks", values)  # NAME.json of a track holds those of its first frame
+        values = values.get("landmarks", values)  # NAME.json of a track contains those of its first frame
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
         index, time = int(values.get("frame", index)), float(values.get("time", time))
     except json.JSONDecodeError as error:
-        raise MienError(f"{path} is not valid JSON ({error}); make it again with mien landmarks") from error
+        raise MienError(f"{path} is not valid JSON ({error}); create it again with mien landmarks") from error
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise MienError(
             f"{path} needs `scheme` and `points`, a list of pairs of numbers ({error}); "
@@ -75,7 +74,7 @@ def _read_json(path: Path, index: int, time: float) -> Landmarks:
         ) from error
     require(
         depths is None or (depths.shape == points.shape[:1] and bool(np.isfinite(depths).all())),
-        f"{path}: `depths` must be one finite number for each point; correct or remove it",
+        f"{path}: `depths` must have one finite number per point; correct or remove it",
     )
     return Landmarks(points, scheme, depths, index, time, str(path))
 
@@ -127,15 +126,15 @@ def _read_csv(path: Path, index: int, time: float) -> Landmarks:
 
 
 def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: float) -> dict[str, str]:
-    """The row for a frame: the surest face of the nearest time, or the row with this place in the file."""
+    """The row for a frame: the most confident face at the nearest time or, without times, the row with this index."""
     require(bool(rows), f"{path} holds no row; it is not the output of OpenFace")
     if "timestamp" in rows[0]:
-        apart = np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time)
+        differences = np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time)
         require(
-            float(apart.min()) <= TIME_TOLERANCE,
+            float(differences.min()) <= TIME_TOLERANCE,
             f"{path} has no row near {time:.2f} s, where tracking begins; choose another --start",
         )
-        rows = [r for r, d in zip(rows, apart, strict=True) if d == apart.min()]
+        rows = [r for r, d in zip(rows, differences, strict=True) if d == differences.min()]
     else:
         require(index < len(rows), f"{path} has {len(rows)} rows and tracking begins at frame {index}")
         rows = [rows[index]]

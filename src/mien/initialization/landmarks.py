@@ -1,7 +1,7 @@
-"""Landmarks of the first frame: which point of an annotation is which vertex of CANDIDE.
+"""Landmarks of the first frame, and the correspondence between points of an annotation and vertices of CANDIDE.
 
-A set of landmarks has a scheme, which fixes how many points there are and what they mean:
-`candide26` (the landmarks that are tracked), `ibug68`, `mediapipe478`, or `mediapipe468`, which is that without irises.
+A set of landmarks has a scheme, which fixes the number and the meaning of its points: `candide26` (the tracked
+landmarks), `ibug68`, `mediapipe478`, or `mediapipe468` (the same without irises).
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
         "chin_boss": 9,
     }
 )
-"""The 26 landmarks, by name, and their vertices: corners and edges where a gradient histogram can tell a
-displacement, on every part that the six animation units move. `docs/method.md` gives the reasons."""
+"""The 26 landmarks, by name, and their vertices: corners and edges where a gradient histogram responds to
+displacement, on every part of the face that the six animation units move. `docs/method.md` gives the reasons."""
 LANDMARK_NAMES = tuple(LANDMARK_VERTICES)
 
-# Point of the annotation, or two whose middle it is -> vertex of CANDIDE, for what both sides mean the same by.
+# Point of the annotation, or two whose midpoint it is -> vertex of CANDIDE, for points with the same meaning in both.
 _Pairs = Mapping[int | tuple[int, int], int]
 _IBUG68: _Pairs = {
     8: 10,  # chin
@@ -80,49 +80,51 @@ _SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "mediapipe468": (468, _MEDIAPIPE),
 }
 SCHEMES = tuple(_SCHEMES)
-_TOLD: Mapping[str, Mapping[str, tuple[int, int]]] = {
+_REPORTED: Mapping[str, Mapping[str, tuple[int, int]]] = {
     scheme: {"right_eye_outer_corner": (33, 7), "left_eye_outer_corner": (263, 249)}
     for scheme in ("mediapipe478", "mediapipe468")
 }
-"""Where people mark a landmark, as far as that is not where the model is fitted and tracked, which moves less with the
-lids: outer corners of the eyes lie a hundredth of their distance below (docs/experiments.md)."""
+"""Points at which a landmark is reported where annotators mark it elsewhere than the model is fitted and tracked: they
+mark the outer eye corners one percent of their distance lower, at points that move more with the lids
+(docs/experiments.md)."""
 Point = tuple[float, float]
-"""Pixels of the image, x and y."""
+"""Image coordinates x and y in pixels."""
 Place = tuple[Array, float]
-"""Centre (2,) and larger side in pixels of a face, or of what may be one."""
+"""Centre (2,) and larger side, in pixels, of a face or face candidate."""
 
 
 def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Vertices of CANDIDE (m,), and the two points (m, 2) of an annotation in whose middle each lies; mostly these are
-    the same point."""
+    """Vertices of CANDIDE (m,), and for each the two annotation points (m, 2) whose midpoint it is, usually twice the
+    same point."""
     pairs = _SCHEMES[scheme][1]
     rows = [(row, row) if isinstance(row, int) else row for row in pairs]
     return np.fromiter(pairs.values(), dtype=np.intp), np.array(rows, dtype=np.intp)
 
 
 def rows_by_name(scheme: str) -> dict[str, NDArray[np.intp]]:
-    """The same two points (2,) of an annotation by the landmark that they are, for those of the 26 that it has."""
+    """The same pairs of annotation points (2,) by landmark name, for those of the 26 landmarks that the scheme has."""
     rows = dict(zip(*rows_of_scheme(scheme), strict=True))
     return {name: rows[vertex] for name, vertex in LANDMARK_VERTICES.items() if vertex in rows}
 
 
 def rows_told(scheme: str) -> dict[str, NDArray[np.intp]]:
-    """`rows_by_name` of where the landmarks are told to be."""
-    return rows_by_name(scheme) | {name: np.array(rows) for name, rows in _TOLD.get(scheme, {}).items()}
+    """`rows_by_name` for the positions at which landmarks are reported."""
+    return rows_by_name(scheme) | {name: np.array(rows) for name, rows in _REPORTED.get(scheme, {}).items()}
 
 
 MINIMUM_FACE_PX = 40.0
 _TRIANGLE = ("right_eye_outer_corner", "left_eye_outer_corner", "lower_lip_outer")
 _LEAST_MIRRORED = 0.3
-"""Width of the eyes over their height above the mouth beyond which this is no profile that is marked a little wrong."""
+"""Landmarks are mirrored if the eyes are reversed by more than this, over their height above the mouth; below it, they
+may be those of a profile with small errors."""
 
 
 @dataclass(frozen=True)
 class Landmarks:
     """Annotated or detected points of one face in one frame.
 
-    points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, growing away from
-    the camera, where the source estimates it; frame_index and time (seconds) of the frame they belong to.
+    points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, increasing away from the
+    camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages.
     """
 
     points: Array
@@ -148,13 +150,13 @@ class Landmarks:
         )
 
     def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:
-        """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) where known."""
+        """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) if known."""
         vertices, rows = rows_of_scheme(self.scheme)
         depths = None if self.depths is None else self.depths[rows].mean(axis=1)
         return vertices, self.points[rows].mean(axis=1), depths
 
     def check(self, width: int, height: int) -> None:
-        """Refuse points outside the image and faces that are too small to track."""
+        """Raise MienError for points outside the image, mirrored landmarks, and faces too small to track."""
         _, points, _ = self.correspondences()
         margin = 0.25 * float(np.ptp(points, axis=0).max())
         low, high = points.min(axis=0), points.max(axis=0)
@@ -166,7 +168,7 @@ class Landmarks:
         )
         require(
             not self._mirrored(),
-            f"{self.source}: the landmarks are mirrored; right is the person's own right, mostly on the image's left",
+            f"{self.source}: the landmarks are mirrored; right is the person's own right, usually on the image's left",
         )
         size = float(np.ptp(self.points, axis=0).max())
         require(
@@ -176,7 +178,7 @@ class Landmarks:
         )
 
     def _mirrored(self) -> bool:
-        """Whether the way from the right eye to the left and from the eyes to the mouth turns as on no face."""
+        """Whether the triangle of right eye, left eye and mouth has the wrong orientation for a face."""
         rows = rows_by_name(self.scheme)
         right, left, mouth = (self.points[rows[name]].mean(axis=0) for name in _TRIANGLE)
         (ax, ay), (bx, by) = left - right, mouth - 0.5 * (left + right)
@@ -194,6 +196,6 @@ class Landmarks:
 
 
 def place_of(points: Array) -> Place:
-    """Centre (2,) and larger side in pixels of a face with points (n, 2 or 3)."""
+    """Centre (2,) and larger side, in pixels, of a face with points (n, 2 or 3)."""
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     return 0.5 * (low + high), float((high - low).max())

@@ -1,4 +1,4 @@
-"""MediaPipe's Face Mesh and its detector for distant faces, when the extra `auto` is installed."""
+"""MediaPipe's Face Mesh and its detector for distant faces; needs the extra `auto`."""
 
 from __future__ import annotations
 
@@ -19,23 +19,21 @@ from mien.initialization.landmarks import Place
 
 
 class MediaPipeMesh:
-    """Face Mesh with refined lids and lips, and the detector for distant faces, which is made when it is first
-    asked."""
+    """Face Mesh with refined lids and lips, and the detector for distant faces, which is created on first use."""
 
     def __init__(self, faces: int) -> None:
-        """faces: the largest number that is looked for. Raises ImportError where MediaPipe is not installed."""
+        """faces: maximum number of faces. Raises ImportError if MediaPipe is not installed."""
         self.mesh = import_solution("face_mesh", "FaceMesh")(
             static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
         )
         self.detection: Any = None
 
     def faces(self, pixels: Pixels) -> list[Array]:
-        """Points (478, 3) of every face of an image (H, W, 3) that is large enough in it to be seen; see
-        `read_faces`."""
+        """Points (478, 3) of every detected face of an image (H, W, 3), RGB; see `read_faces`."""
         return read_faces(self.mesh, pixels)
 
     def places(self, pixels: Pixels) -> list[Place]:
-        """Where there may be a face, near or distant."""
+        """Candidate places of near and distant faces."""
         if self.detection is None:
             self.detection = import_solution("face_detection", "FaceDetection")(model_selection=1)
         places = []
@@ -50,31 +48,31 @@ def read_faces(mesh: Any, pixels: Any) -> list[Array]:
     """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
     height, width = pixels.shape[:2]
     answer = mesh.process(np.ascontiguousarray(pixels)).multi_face_landmarks or []
-    # Its pixels are counted from the centre of the first: with half a pixel taken off, as from its edge, what is found
-    # in a mirrored picture lies half a pixel beside what is found in the picture, however large both are drawn.
+    # Its pixel coordinates have their origin at the centre of the first pixel: if half a pixel is subtracted, as for an
+    # origin at its edge, results in an image and in its mirror image differ by half a pixel, at any scale.
     return [np.array([[p.x * width, p.y * height, p.z * width] for p in f.landmark]) for f in answer]
 
 
 def import_solution(module: str, name: str) -> Any:
-    """One of MediaPipe's solutions. What draws their results comes with them and imports Matplotlib, which takes half a
-    second: that is put off until somebody draws.
+    """Import one of MediaPipe's solutions without Matplotlib, which their drawing code imports and which takes half a
+    second: it is imported on first use.
 
-    Raises ImportError where MediaPipe is not installed.
+    Raises ImportError if MediaPipe is not installed.
     """
     names = ("matplotlib", "matplotlib.pyplot")
-    later = {} if names[0] in sys.modules else {name: _Later(name) for name in names}
-    if later:
-        vars(later[names[0]])["pyplot"] = later[names[1]]
-    sys.modules.update(later)
+    lazy = {} if names[0] in sys.modules else {name: _LazyModule(name) for name in names}
+    if lazy:
+        vars(lazy[names[0]])["pyplot"] = lazy[names[1]]
+    sys.modules.update(lazy)
     try:
         return getattr(import_module(f"mediapipe.python.solutions.{module}"), name)
     finally:
-        for name in later:
+        for name in lazy:
             del sys.modules[name]
 
 
-class _Later(ModuleType):
-    """Stands for a module until something of it is asked for."""
+class _LazyModule(ModuleType):
+    """Placeholder for a module that is imported when an attribute is first accessed."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -82,37 +80,39 @@ class _Later(ModuleType):
         return getattr(import_module(self.__name__), name)
 
 
-class _Silence:
-    """MediaPipe logs to the process's standard error from C++; keep that off the user's screen, and on it what Python
-    writes there: from the first to the last of those who want it so, in whatever threads, as there is one for all."""
+class _NativeLogFilter:
+    """Context manager that discards what MediaPipe logs to standard error from C++, and keeps what Python writes there.
+
+    The process has one standard error, so all threads share the filter: it is active while any of them needs it.
+    """
 
     def __init__(self) -> None:
-        self.lock, self.wanted, self.kept = threading.Lock(), 0, contextlib.ExitStack()
+        self.lock, self.users, self.active = threading.Lock(), 0, contextlib.ExitStack()
 
     def __enter__(self) -> None:
         with self.lock:
-            if self.wanted == 0:
-                self.kept.enter_context(_off_screen())
-            self.wanted += 1
+            if self.users == 0:
+                self.active.enter_context(_native_stderr_discarded())
+            self.users += 1
 
     def __exit__(self, *raised: object) -> None:
         with self.lock:
-            self.wanted -= 1
-            if self.wanted == 0:
-                self.kept.close()
+            self.users -= 1
+            if self.users == 0:
+                self.active.close()
 
 
-_silence = _Silence()
+_filter = _NativeLogFilter()
 
 
-def silenced() -> _Silence:
-    """The one silence of this process, for a `with`."""
-    return _silence
+def silenced() -> _NativeLogFilter:
+    """The log filter of this process, for a `with` block."""
+    return _filter
 
 
 @contextlib.contextmanager
-def _off_screen() -> Iterator[None]:
-    """Standard error goes nowhere, but for what Python writes to it."""
+def _native_stderr_discarded() -> Iterator[None]:
+    """Discard what native code writes to standard error; keep what Python writes."""
     own, saved, null = sys.stderr, os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     with os.fdopen(saved, "w", buffering=1, closefd=False) as screen:

@@ -1,8 +1,9 @@
-"""Faces found by OpenCV alone, where MediaPipe is not installed, which has no release with its models for Python 3.13.
+"""Face detection with OpenCV alone, for when MediaPipe is not installed; it has no release with its models for Python
+3.13.
 
-The two networks are MediaPipe's, and come with mien (NOTICE): BlazeFace for near faces finds them with their eyes, Face
-Mesh finds 468 points in an upright square around each. MediaPipe's own graph then moves lids and lips to where a second
-network sees them, with layers that OpenCV does not have; here Face Mesh looks twice.
+The two networks are MediaPipe's and come with mien (NOTICE): the short-range BlazeFace detects faces and their eyes,
+and Face Mesh finds 468 points in an upright square around each. MediaPipe's own graph then refines lids and lips with
+an attention network, whose layers OpenCV does not support; here Face Mesh runs twice instead.
 
 V. Bazarevsky et al., BlazeFace: sub-millisecond neural face detection on mobile GPUs, 2019; Y. Kartynnik et al.,
 Real-time facial surface geometry from monocular video on mobile GPUs, 2019.
@@ -24,33 +25,33 @@ from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Place, place_of
 
 _DETECTOR_PX, _MESH_PX = 128, 192
-"""Sides of the squares that the networks look at."""
+"""Input sizes of the networks, in pixels."""
 _GRIDS = ((16, 2), (8, 6))
-"""Cells along a side of the detector's grids, and how many faces each cell may tell of."""
+"""Cells along each side of the detector's grids, and anchors per cell."""
 _LEAST_SCORE, _MOST_OVERLAP = 0.5, 0.3
 _SQUARES = 3
-"""How many squares along the longer side are searched for distant faces, and as many between them."""
+"""Number of squares along the longer side that are searched for distant faces, with more in between that overlap."""
 _MARGIN = 1.5
-"""Side of the square in which the mesh is looked for, in sizes of the face."""
+"""Side of the square in which the mesh is fitted, in sizes of the face."""
 _EYES = 33, 263
 """Outer corners of the eyes, right and left, in the mesh."""
 
 
 class OpenCVMesh:
-    """The two networks."""
+    """Face detector and face mesh, run by OpenCV."""
 
     def __init__(self, faces: int) -> None:
-        """faces: the largest number of faces that is told of."""
-        self.most = faces
+        """faces: maximum number of faces."""
+        self.maximum_faces = faces
         self.detector, self.mesh = (_read(name) for name in ("face_detection_short_range", "face_landmark"))
-        middles = [np.repeat(_middles(cells), count, axis=0) for cells, count in _GRIDS]
-        self.cells = _DETECTOR_PX * np.concatenate(middles)
+        anchors = [np.repeat(_cell_centres(cells), count, axis=0) for cells, count in _GRIDS]
+        self.anchors = _DETECTOR_PX * np.concatenate(anchors)
 
     def faces(self, pixels: Pixels) -> list[Array]:
-        """Points (468, 3) in pixels of the faces of an image (H, W, 3), RGB; the third is depth relative to the head's
-        centre."""
+        """Points (468, 3) in pixels of the faces of an image (H, W, 3), RGB; the third coordinate is depth relative to
+        the centre of the head."""
         found = []
-        for place, eyes in self.detect(pixels)[: self.most]:
+        for place, eyes in self.detect(pixels)[: self.maximum_faces]:
             face = self._mesh_in(pixels, place, eyes)
             face = None if face is None else self._mesh_in(pixels, place_of(face), face[list(_EYES), :2])
             if face is not None:
@@ -58,8 +59,8 @@ class OpenCVMesh:
         return found
 
     def places(self, pixels: Pixels) -> list[Place]:
-        """Where there may be a face, near or distant: in the image, and in overlapping squares of a third of its longer
-        side."""
+        """Candidate places of near and distant faces: in the whole image, and in overlapping squares of a third of its
+        longer side."""
         height, width = pixels.shape[:2]
         side = math.ceil(max(height, width) / _SQUARES)
         places = [place for place, _ in self.detect(pixels)]
@@ -69,26 +70,26 @@ class OpenCVMesh:
         return places
 
     def detect(self, pixels: Pixels) -> list[tuple[Place, Array]]:
-        """Where faces are, and their eyes (2, 2), right and left, in pixels; surest first."""
+        """Places of the faces, each with its eyes (2, 2), right and left, in pixels; highest score first."""
         size, side = np.array(pixels.shape[1::-1]), max(pixels.shape[:2])
         shrunk = np.maximum(np.rint(_DETECTOR_PX * size / side).astype(int), 1)
         corner = (_DETECTOR_PX - shrunk) // 2
         (x, y), (w, h) = corner, shrunk
         square = np.zeros((_DETECTOR_PX, _DETECTOR_PX, 3), np.uint8)
-        smoothly = cv2.INTER_AREA if side > _DETECTOR_PX else cv2.INTER_LINEAR
-        square[y : y + h, x : x + w] = cv2.resize(pixels, shrunk.tolist(), interpolation=smoothly)
+        interpolation = cv2.INTER_AREA if side > _DETECTOR_PX else cv2.INTER_LINEAR
+        square[y : y + h, x : x + w] = cv2.resize(pixels, shrunk.tolist(), interpolation=interpolation)
         scores, boxes = sorted(_run(self.detector, square / np.float32(127.5) - 1), key=np.size)
-        # Of each face its middle, its size and six points, in pixels; all but the size from the middle of its cell.
-        told, scale = boxes.reshape(-1, 8, 2), size / shrunk
-        sizes = scale * told[:, 1]
-        points = scale * (np.delete(told, 1, axis=1) + self.cells[:, None] - corner)
+        # Each box has a centre, a size and six keypoints, in pixels; all but the size are relative to its anchor.
+        decoded, scale = boxes.reshape(-1, 8, 2), size / shrunk
+        sizes = scale * decoded[:, 1]
+        points = scale * (np.delete(decoded, 1, axis=1) + self.anchors[:, None] - corner)
         found = np.column_stack([points[:, 0] - 0.5 * sizes, sizes])
         score = 1 / (1 + np.exp(-np.clip(scores.ravel(), -50, 50)))
         kept = cv2.dnn.NMSBoxes(found.tolist(), score.tolist(), _LEAST_SCORE, _MOST_OVERLAP)
         return [((points[k, 0], float(sizes[k].max())), points[k, 1:3]) for k in np.ravel(kept).astype(int)]
 
     def _mesh_in(self, pixels: Pixels, place: Place, eyes: Array) -> Array | None:
-        """Points (468, 3) of a face at a place with eyes (2, 2); None where there is none."""
+        """Points (468, 3) of the face at a place with eyes (2, 2); None if there is no face."""
         (centre, size), (x, y) = place, eyes[1] - eyes[0]
         turn_deg, scale = math.degrees(math.atan2(y, x)), _MESH_PX / max(_MARGIN * size, 1e-6)
         A = crop_matrix(centre, turn_deg, scale, 0.5 * _MESH_PX)
@@ -100,28 +101,28 @@ class OpenCVMesh:
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """Where squares begin that cover a length, each half over the next."""
+    """Start positions of squares that cover a length, each overlapping the next by half."""
     count = max(math.ceil(2 * length / side) - 1, 1)
     return [round(start) for start in np.linspace(0, max(length - side, 0), count).tolist()]
 
 
 def crop_matrix(centre: Array, turn_deg: float, scale: float, middle: float) -> Array:
-    """(2, 3) from an image to a square in which its part about a centre (2,) is turned and scaled; middle: where that
-    comes to lie, along both sides."""
+    """Affine matrix (2, 3) from an image to a square crop that is rotated and scaled about a centre (2,); middle: both
+    coordinates of that centre in the crop."""
     A = cv2.getRotationMatrix2D((float(centre[0]), float(centre[1])), turn_deg, scale)
     A[:, 2] += middle - centre
     return np.asarray(A, dtype=float)
 
 
 def uncrop(points: Array, A: Array) -> Array:
-    """Points (n, 3) in the image, the third a depth, of those in a square that `crop_matrix` leads to."""
+    """Map points (n, 3), the third coordinate a depth, from a crop of `crop_matrix` A back to the image."""
     inverse = cv2.invertAffineTransform(A)
     scale = float(np.sqrt(abs(np.linalg.det(A[:, :2]))))
     return np.column_stack([points[:, :2] @ inverse[:, :2].T + inverse[:, 2], points[:, 2] / scale])
 
 
-def _middles(cells: int) -> Array:
-    """Middles (cells^2, 2) of the cells of a grid over the unit square, x and y, row by row."""
+def _cell_centres(cells: int) -> Array:
+    """Centres (cells^2, 2), x and y, of the cells of a grid over the unit square, row by row."""
     y, x = np.mgrid[:cells, :cells] + 0.5
     return np.column_stack([x.ravel(), y.ravel()]) / cells
 
@@ -131,6 +132,6 @@ def _read(name: str) -> Any:
 
 
 def _run(network: Any, image: NDArray[np.float32]) -> list[Array]:
-    """What a network says of an image (H, W, 3)."""
+    """Outputs of a network for an image (H, W, 3)."""
     network.setInput(np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32))
     return [np.asarray(answer, dtype=float) for answer in network.forward(network.getUnconnectedOutLayersNames())]

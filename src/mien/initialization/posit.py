@@ -13,11 +13,11 @@ from mien.geometry.rotation import Array
 
 
 def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> tuple[Array, Array]:
-    """Pose of at least four points that do not lie in one plane.
+    """Pose from at least four points that are not coplanar.
 
-    model: (n, 3) head axes; image: (n, 2) pixels. Returns R (3, 3) head -> camera and t (3,), units of the model.
-    Scaled orthographic projection is inverted linearly; its error, the relative depth of each point, is
-    estimated from the pose and corrected until it no longer changes. Raises MienError for degenerate points.
+    model: (n, 3) head axes; image: (n, 2) pixels. Returns R (3, 3) head -> camera and t (3,), in units of the model.
+    Each iteration inverts the scaled orthographic projection linearly, and corrects its error, the relative depth of
+    each point, from the pose, until that no longer changes. Raises MienError for degenerate points.
     """
     require(len(model) >= 4, f"POSIT needs four points or more, not {len(model)}")
     origin = int(np.argmin(np.linalg.norm(model - model.mean(axis=0), axis=1)))
@@ -30,7 +30,7 @@ def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> t
     for _ in range(iterations):
         scaled = xy * (1 + depth_ratio)[:, None] - xy[origin]
         i, j = B @ scaled[:, 0], B @ scaled[:, 1]
-        # The two scales agree for exact data; their geometric mean serves noisy data best.
+        # The two scales agree for exact data; for noisy data their geometric mean works best.
         Z0 = 1 / np.sqrt(np.linalg.norm(i) * np.linalg.norm(j))
         R = _nearest_rotation(i * Z0, j * Z0)
         previous, depth_ratio = depth_ratio, M @ R[2] / Z0
@@ -41,7 +41,7 @@ def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> t
 
 
 def _nearest_rotation(i: Array, j: Array) -> Array:
-    """Rotation whose first two rows are nearest to `i` and `j`."""
+    """The rotation whose first two rows are closest to `i` and `j`."""
     U, _, Vt = np.linalg.svd(np.stack([i, j]), full_matrices=False)
     rows = U @ Vt
     return np.vstack([rows, np.cross(rows[0], rows[1])])

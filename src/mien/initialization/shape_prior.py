@@ -1,8 +1,8 @@
-"""What is known of a face's shape before it is seen: a Gaussian over the neutral vertices.
+"""Prior of the face shape: a Gaussian over the neutral vertices.
 
-The shape units S of CANDIDE span what its author thought of; real faces also differ between its units.
-The prior adds smooth displacement fields, mostly symmetric, so that a fit can follow landmarks exactly and
-what is not seen (depth, in a frontal view) stays uncertain instead of wrong.
+Real faces also vary in ways that the shape units S of CANDIDE do not span. The prior adds smooth displacement fields,
+mostly symmetric, so that a fit can follow landmarks exactly, and what is not observed (depth, in a frontal view) stays
+uncertain instead of wrong.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ class ShapePrior:
     unit_sd: Array
 
     def vertices(self, c: Array) -> Array:
-        """Neutral face (V, 3) of coefficients (M,)."""
+        """Neutral vertices (V, 3) for coefficients (M,)."""
         return np.asarray(self.mean + np.tensordot(c, self.basis, axes=1))
 
     def sigma(self, c: Array) -> Array:
-        """Shape parameters sigma (K,) of Eq. (1) in units of CANDIDE."""
+        """Shape parameters sigma (K,) of Eq. (1), in units of CANDIDE."""
         return np.asarray(c[: len(self.unit_sd)] * self.unit_sd)
 
 
 def shape_prior(model: Candide) -> ShapePrior:
-    """Prior of a model: its shape units and smooth fields between them."""
+    """The shape prior of a model: its shape units, and smooth displacement fields."""
     largest = np.linalg.norm(model.shape_units, axis=2).max(axis=1)
     unit_sd = UNIT_SD / np.maximum(largest, 1e-9)
     units = model.shape_units * unit_sd[:, None, None]
@@ -51,11 +51,11 @@ def shape_prior(model: Candide) -> ShapePrior:
 
 
 def _smooth_fields(vertices: Array) -> Array:
-    """Displacement fields (M, V, 3) whose squares add up to a Gaussian process over the vertices."""
+    """Displacement fields (M, V, 3): the scaled principal modes of a Gaussian process over the vertices."""
     fields = []
     for axis in range(3):
         for parity in (1.0, -1.0):
-            # A field is symmetric when x mirrors with the side and y, z do not.
+            # In a symmetric field, x changes sign between the sides of the face, and y and z do not.
             sign = parity * (-1.0 if axis == 0 else 1.0)
             K = 0.5 * (proximity(vertices, vertices) + sign * proximity(vertices, vertices * [-1, 1, 1]))
             sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)
@@ -69,6 +69,6 @@ def _smooth_fields(vertices: Array) -> Array:
 
 
 def proximity(a: Array, b: Array, length: float = FIELD_LENGTH) -> Array:
-    """exp(-|a - b|^2 / 2 length^2) of points (m, 3) and (n, 3): (m, n), how much their displacements agree."""
+    """exp(-|a - b|^2 / 2 length^2) (m, n) for points (m, 3) and (n, 3): the correlation of their displacements."""
     squared = ((a[:, None] - b[None]) ** 2).sum(axis=2)
     return np.asarray(np.exp(-0.5 * squared / length**2))
