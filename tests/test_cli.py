@@ -399,7 +399,7 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
         (["--start", "2", "--end", "1"], "must come before the end"),
         (["--plot", "plot.docx"], "plot.docx: mien writes .png"),
         (["--overlay", "over.avi"], "over.avi: mien writes .mp4"),
-        (["-o", "marks.json"], "marks.json would be written over an input"),
+        (["-o", "marks.json"], "marks.json would overwrite an input"),
     ],
 )
 def test_options(refused: Callable[..., None], video: Path, marks: Path, options: list[str], words: str) -> None:
@@ -409,8 +409,8 @@ def test_options(refused: Callable[..., None], video: Path, marks: Path, options
 def test_a_settings_file_is_an_input(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
     (tmp_path / "own.json").write_text('{"view_rate": 0}')
     asked = ["--preset", "realtime:own.json", "-o", "own.csv"]
-    refused(["track", video, "--landmarks", marks, *asked], "own.json would be written over an input")
-    refused(["track", video, "--faces", "2", *asked], "own.json would be written over an input")
+    refused(["track", video, "--landmarks", marks, *asked], "own.json would overwrite an input")
+    refused(["track", video, "--faces", "2", *asked], "own.json would overwrite an input")
 
 
 def test_camera_file(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:

@@ -394,6 +394,6 @@ def test_a_further_face_of_an_earlier_run_is_warned_of(tracker: StillTracker, fo
 def test_outputs_never_replace_inputs_or_each_other(tracker: StillTracker, tmp_path: Path) -> None:
     video = write_video(tmp_path / "in.mp4", portrait_images(2), codec="libx264", pix_fmt="yuv420p")
     before = video.read_bytes()
-    with pytest.raises(MienError, match=r"in\.mp4 would be written over an input"):
+    with pytest.raises(MienError, match=r"in\.mp4 would overwrite an input"):
         mien.track(video, landmarks=known_portrait().landmarks, overlay=tmp_path / "x" / ".." / "in.mp4")
     assert video.read_bytes() == before

@@ -161,7 +161,7 @@ def track_faces(
     tracks = [replace(face.track, metadata={**face.track.metadata, **summary}) for face in found]
     for face_id, track in reversed(list(enumerate(tracks))):  # if the first is complete, all are
         files.of_face(face_id).write(track)
-    files.warn_of_more(len(tracks))
+    files.warn_if_stale(len(tracks))
     return tracks
 
 
@@ -245,12 +245,12 @@ def _draw(
     path: Path, frames: Iterator[Frame], faces: Sequence[TrackedFace], report: Callable[[Estimate], None]
 ) -> None:
     """Write the overlay video with all faces, each with its number."""
-    from mien.output.overlay import OverlayWriter, Shown, draw
+    from mien.output.overlay import FaceOverlay, OverlayWriter, draw
 
     with OverlayWriter(path) as writer:
         for frame, *estimates in zip(frames, *(face.track.estimates() for face in faces), strict=False):
             shown = [
-                Shown(estimate, mesh_of(face.tracker, estimate), str(face_id))
+                FaceOverlay(estimate, mesh_of(face.tracker, estimate), str(face_id))
                 for face_id, (face, estimate) in enumerate(zip(faces, estimates, strict=True))
                 if estimate.status.success
             ]

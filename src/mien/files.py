@@ -22,15 +22,15 @@ _NUMBERS = re.compile(r"\[\s+([-+.\deE]+(?:,\s+[-+.\deE]+)*)\s+\]")
 def whole_file(path: Path) -> Iterator[Path]:
     """Temporary file in the folder of `path`, renamed to `path` when the block succeeds, removed when it fails."""
     with named_errors(path):
-        beside = temporary_beside(path)
+        beside = create_temporary(path)
         try:
             yield beside
-            put_in_place(beside, path)
+            move_into_place(beside, path)
         finally:
             beside.unlink(missing_ok=True)
 
 
-def put_in_place(beside: Path, path: Path) -> None:
+def move_into_place(beside: Path, path: Path) -> None:
     """Rename a finished temporary file to `path`, with the default permissions of a new file."""
     beside.chmod(0o666 & ~_umask())
     beside.replace(path)
@@ -45,7 +45,7 @@ def named_errors(path: Path) -> Iterator[None]:
         raise MienError(f"{path} cannot be written ({_reason(error)}); {REMEDY}") from error
 
 
-def temporary_beside(path: Path) -> Path:
+def create_temporary(path: Path) -> Path:
     """New, empty, hidden file with the suffix of `path`, in the same folder so that a rename stays on one disk."""
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -56,7 +56,7 @@ def require_writable(path: Path) -> None:
     """Create the folder of `path`; raise MienError if a file cannot be written there."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary_beside(path).unlink()
+        create_temporary(path).unlink()
     except OSError as error:
         raise MienError(f"{path} cannot be written ({_reason(error)}); choose another place") from error
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")

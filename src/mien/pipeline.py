@@ -118,7 +118,7 @@ def track(
     begin = prepare(footage, landmarks, at_once, face, report)
     for result, _ in run_passes(Pass(begin, preset, tracker, show=show), passes, files, report):
         files.write(result)
-    files.warn_of_more(1)
+    files.warn_if_stale(1)
     return result
 
 
@@ -282,14 +282,14 @@ def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate
     if path is None and not this.show:
         yield lambda frame, estimate, tracker: None
         return
-    from mien.output.overlay import OverlayWriter, Shown, draw
+    from mien.output.overlay import FaceOverlay, OverlayWriter, draw
 
     with ExitStack() as opened:
         writer = opened.enter_context(OverlayWriter(path)) if path else None
         window = opened.enter_context(Window(this.begin.footage.video.name)) if this.show else None
 
         def draw_estimate(frame: Frame, estimate: Estimate, tracker: Tracker) -> None:
-            picture = draw(frame, [Shown(estimate, mesh_of(tracker, estimate))], this.begin.camera)
+            picture = draw(frame, [FaceOverlay(estimate, mesh_of(tracker, estimate))], this.begin.camera)
             if writer:
                 writer.write(picture, frame.time)
             if window:

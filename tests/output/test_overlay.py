@@ -15,7 +15,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, Array, matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
-from mien.output.overlay import HIDDEN, SEEN, Mesh, OverlayWriter, Pixels, Shown, draw, draw_mesh, save_png
+from mien.output.overlay import HIDDEN, SEEN, FaceOverlay, Mesh, OverlayWriter, Pixels, draw, draw_mesh, save_png
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 CAMERA = Camera.from_fov(320, 240)
@@ -40,12 +40,12 @@ def _changed(pixels: Pixels) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
 
 
 def test_small_frames_are_enlarged_and_the_frame_itself_stays() -> None:
-    pixels = draw(GREY, [Shown(_estimate(), _mesh())], CAMERA)
+    pixels = draw(GREY, [FaceOverlay(_estimate(), _mesh())], CAMERA)
     assert pixels.shape == (480, 640, 3)
     assert pixels.dtype == np.uint8
     assert (GREY.pixels == 128).all()
     large = Frame(np.full((480, 640, 3), 128, dtype=np.uint8))
-    assert draw(large, [Shown(_estimate())], CAMERA).shape == (480, 640, 3)
+    assert draw(large, [FaceOverlay(_estimate())], CAMERA).shape == (480, 640, 3)
 
 
 def test_the_mesh_lies_on_the_face() -> None:
@@ -68,7 +68,7 @@ def test_a_mesh_seen_from_behind_or_behind_the_camera_is_not_drawn() -> None:
 def test_hidden_landmarks_are_hollow(visibility: float, colour: tuple[int, int, int], filled: bool) -> None:
     point = np.array([[100.0, 80.0]])
     landmarks = TrackedLandmarks(("point",), point, visibility=np.array([visibility]))
-    pixels = draw(GREY, [Shown(Estimate(0, 0, Status.TRACKED, landmarks=landmarks))], CAMERA)
+    pixels = draw(GREY, [FaceOverlay(Estimate(0, 0, Status.TRACKED, landmarks=landmarks))], CAMERA)
     neighbourhood = pixels[155:167, 195:207].reshape(-1, 3).astype(int)
     assert np.abs(neighbourhood - colour).sum(axis=1).min() < 120
     centre = pixels[160:162, 200:202].reshape(-1, 3).astype(int)
@@ -78,7 +78,7 @@ def test_hidden_landmarks_are_hollow(visibility: float, colour: tuple[int, int, 
 def test_the_axis_out_of_the_face_points_at_a_frontal_camera() -> None:
     """Head axes of a face in the centre: the subject's left is image right, up is up."""
     estimate = Estimate(0, 0, Status.TRACKED, FACING, np.array([0.0, 0.0, 5.0]))
-    pixels = draw(GREY, [Shown(estimate)], CAMERA).astype(int)
+    pixels = draw(GREY, [FaceOverlay(estimate)], CAMERA).astype(int)
     red = np.argwhere((pixels[..., 0] > 200) & (pixels[..., 1] < 140) & (pixels[..., 2] < 140))
     green = np.argwhere((pixels[..., 1] > 200) & (pixels[..., 0] < 160) & (pixels[..., 2] < 140))
     assert red[:, 1].mean() > 320 + 20
@@ -88,13 +88,13 @@ def test_the_axis_out_of_the_face_points_at_a_frontal_camera() -> None:
 
 def test_drawing_works_with_whatever_is_known() -> None:
     lost = Estimate.lost(GREY, "the face left the picture")
-    assert _changed(draw(GREY, [Shown(lost)], CAMERA))[440:].any()
-    assert not _changed(draw(GREY, [Shown(lost, _mesh())], CAMERA))[:430].any()
+    assert _changed(draw(GREY, [FaceOverlay(lost)], CAMERA))[440:].any()
+    assert not _changed(draw(GREY, [FaceOverlay(lost, _mesh())], CAMERA))[:430].any()
     hidden = _estimate(np.linspace(0, 1, 26))
     assert hidden.landmarks is not None
     hidden.landmarks.image[3] = np.nan
-    draw(GREY, [Shown(hidden, _mesh())], CAMERA)
-    draw(GREY, [Shown(Estimate(0, 0, Status.TRACKED))], CAMERA)
+    draw(GREY, [FaceOverlay(hidden, _mesh())], CAMERA)
+    draw(GREY, [FaceOverlay(Estimate(0, 0, Status.TRACKED))], CAMERA)
 
 
 def test_png_there_and_back(tmp_path: Path) -> None:

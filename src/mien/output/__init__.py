@@ -1,1 +1,1 @@
-"""Tracks on disk, overlays and plots."""
+"""Track files, overlay videos and plots."""

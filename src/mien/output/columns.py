@@ -1,6 +1,6 @@
-"""Estimates to columns: names, units and signs of OpenFace where it has the same thing.
+"""Convert estimates to table columns, with the names, units and signs of OpenFace where it has the same quantity.
 
-Lengths are millimetres, angles radians, image points pixels, all in camera axes.
+Lengths are in millimetres, angles in radians, image points in pixels, all in camera axes.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from mien.tracking.state import EYES_CLOSED, Closing, Estimate, Status, TrackedL
 
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
-_TEXT = ("status", "reason")
-_OF_THE_FRAME = ("frame", "face_id", "timestamp")
-_WHOLE_NUMBERS = ("frame", "face_id", "success")
-_UNQUOTED = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
+_TEXT_COLUMNS = ("status", "reason")
+_FRAME_COLUMNS = ("frame", "face_id", "timestamp")
+_INTEGER_COLUMNS = ("frame", "face_id", "success")
+_CSV_SAFE = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Columns that are estimated together: their names (or the stem of numbered ones) and decimals."""
+    """Columns that are estimated together: their names (or the stem of numbered columns), decimals and values."""
 
     names: tuple[str, ...] | str
     decimals: int
@@ -78,7 +78,7 @@ def _visibility(e: Estimate) -> Array | None:
 
 
 _POSE = (_Group(TRANSLATION, 3, _translation), _Group(ROTATION, 6, lambda e: e.euler))
-_REST = (
+_OTHER = (
     _Group(TRACKED_UNITS, 5, lambda e: e.animation),
     _Group((EYES_CLOSED,), 3, lambda e: None if e.closing is None else np.array([e.closing.share])),
     *(_Group(name, 3, _image(k)) for k, name in enumerate("xy")),
@@ -93,14 +93,15 @@ _REST = (
 
 @cache
 def import_pandas() -> None:
-    """Import pandas where it is installed: Arrow does when it first makes or gives an array, and an interruption that
-    comes meanwhile is lost there."""
+    """Import pandas, if installed, in advance: Arrow imports it when it first converts an array, and would swallow an
+    interrupt during that import."""
     with suppress(ImportError):
         import_module("pandas")
 
 
-def table_of(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
-    """One row an estimate of a face. A group that no estimate has gives no column; a lost face has null cells."""
+def table_from_estimates(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
+    """A table with one row per estimate of a face. Quantities that no estimate has get no column; cells of a lost face
+    are null."""
     import_pandas()
     columns: dict[str, pa.Array] = {
         "frame": pa.array([e.index for e in estimates], pa.int64()),
@@ -111,12 +112,12 @@ def table_of(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
     }
     columns |= _columns(_POSE, estimates)
     columns["status"] = pa.array([e.status.value for e in estimates])
-    columns["reason"] = pa.array([e.reason.translate(_UNQUOTED) or None for e in estimates], pa.string())
-    return pa.table(columns | _columns(_REST, estimates))
+    columns["reason"] = pa.array([e.reason.translate(_CSV_SAFE) or None for e in estimates], pa.string())
+    return pa.table(columns | _columns(_OTHER, estimates))
 
 
-def estimate_of(row: Mapping[str, Any], landmark_names: tuple[str, ...], mm_per_unit: float) -> Estimate:
-    """The estimate that a row of the table holds, by the names of its columns; its covariance is not in the table."""
+def estimate_from_row(row: Mapping[str, Any], landmark_names: tuple[str, ...], mm_per_unit: float) -> Estimate:
+    """The estimate in a table row, given by column name; without the covariance, which the table does not contain."""
     status = Status(row["status"])
     index, time = int(row["frame"]), float(row["timestamp"])
     if not status.success:
@@ -152,21 +153,21 @@ def estimate_of(row: Mapping[str, Any], landmark_names: tuple[str, ...], mm_per_
     )
 
 
-def lost_rows(table: pa.Table, reason: pa.Array) -> pa.Table:
-    """The table with the face lost in the rows that have a reason."""
+def mark_lost(table: pa.Table, reason: pa.Array) -> pa.Table:
+    """The table with the face marked as lost in the rows that have a reason."""
     from pyarrow import compute
 
     kept = reason.is_null()
     fixed = {"confidence": 0.0, "success": 0, "status": Status.LOST.value}
     columns = {name: table.column(name) for name in table.column_names}
-    for name in columns.keys() - set(_OF_THE_FRAME):
+    for name in columns.keys() - set(_FRAME_COLUMNS):
         columns[name] = compute.if_else(kept, columns[name], pa.scalar(fixed.get(name), columns[name].type))
     columns["reason"] = compute.if_else(kept, table.column("reason"), reason)
-    return pa.table({name: columns[name] for name in in_order(list(columns))})
+    return pa.table({name: columns[name] for name in sort_columns(list(columns))})
 
 
-def turned_rows(table: pa.Table, R: Array) -> pa.Table:
-    """The table with every rotation turned by R (3, 3), in camera axes."""
+def rotate_rows(table: pa.Table, R: Array) -> pa.Table:
+    """The table with every rotation multiplied from the left by R (3, 3), in camera axes."""
     from scipy.spatial.transform import Rotation
 
     angles = np.stack([table.column(name).to_numpy() for name in ROTATION], axis=1)
@@ -179,31 +180,31 @@ def turned_rows(table: pa.Table, R: Array) -> pa.Table:
     return table
 
 
-def cell_type(name: str) -> pa.DataType | None:
-    """Type of the column with this name; None where it is not one of these."""
+def column_type(name: str) -> pa.DataType | None:
+    """Type of the column with this name; None for a column that is not mien's."""
     stem, _, number = name.rpartition("_")
     if name not in _STEMS and not (stem in _STEMS and number.isdecimal()):
         return None
-    return pa.string() if name in _TEXT else pa.int64() if name in _WHOLE_NUMBERS else pa.float64()
+    return pa.string() if name in _TEXT_COLUMNS else pa.int64() if name in _INTEGER_COLUMNS else pa.float64()
 
 
-def in_order(names: Sequence[str]) -> list[str]:
-    """The names in the order of the file, for tables of which each has a part of the columns."""
-    return sorted(names, key=_place)
+def sort_columns(names: Sequence[str]) -> list[str]:
+    """Sort column names in the order of the file; a table may have only some of them."""
+    return sorted(names, key=_column_position)
 
 
 def _stems() -> Iterator[str]:
-    """The names of all columns in the order of the file, of numbered ones the stem."""
+    """All column names in the order of the file; the stem for numbered columns."""
     yield from ("frame", "face_id", "timestamp", "confidence", "success")
-    for group in (*_POSE, None, *_REST):
-        names = _TEXT if group is None else group.names
+    for group in (*_POSE, None, *_OTHER):
+        names = _TEXT_COLUMNS if group is None else group.names
         yield from [names] if isinstance(names, str) else names
 
 
 _STEMS = tuple(_stems())
 
 
-def _place(name: str) -> tuple[int, int]:
+def _column_position(name: str) -> tuple[int, int]:
     if name in _STEMS:
         return _STEMS.index(name), 0
     stem, _, number = name.rpartition("_")

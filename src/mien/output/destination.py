@@ -1,4 +1,4 @@
-"""Where the files of a track go, checked before the work begins."""
+"""Output files of a track, checked before tracking starts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ OVERLAY_ENDINGS = (".mp4",)
 
 @dataclass(frozen=True)
 class Destination:
-    """table: NAME.csv, beside which NAME.json and NAME.parquet go; overlay: a video; plot: a picture."""
+    """Output paths of a track. table: NAME.csv, with NAME.json and NAME.parquet beside it; overlay: a video; plot: a
+    picture."""
 
     table: Path | None = None
     overlay: Path | None = None
@@ -29,8 +30,8 @@ class Destination:
         plot: str | Path | None,
         inputs: Iterable[object] = (),
     ) -> Destination:
-        """Make missing folders and see that every file can be written, has an ending that is known, and takes
-        the place of no input (the paths among `inputs`) and of no other. Raises MienError otherwise."""
+        """Create missing folders, and check that every file can be written, has a known suffix, and overwrites neither
+        an input (the paths among `inputs`) nor another output. Raises MienError otherwise."""
         table = None if save is None else track_paths(save)[0]
         pictures = ((overlay, OVERLAY_ENDINGS), (plot, PLOT_ENDINGS))
         self = cls(table, *(None if path is None else require_ending(Path(path), of) for path, of in pictures))
@@ -38,18 +39,18 @@ class Destination:
         return self
 
     def check(self, inputs: Iterable[object]) -> None:
-        """Raise MienError where a file cannot be written, or would take the place of an input or of another."""
+        """Raise MienError if a file cannot be written, or would overwrite an input or another output."""
         taken = {Path(p).resolve() for p in inputs if isinstance(p, (str, Path))}
         for path in self.paths():
             require(
                 path.resolve() not in taken,
-                f"{path} would be written over an input or another output; choose another name",
+                f"{path} would overwrite an input or another output; choose another name",
             )
             taken.add(path.resolve())
             require_writable(path)
 
     def of_face(self, face_id: int) -> Destination:
-        """Where a further face goes: NAME.face1.csv, with a plot of its own; the first one's overlay shows it, too."""
+        """The output of a further face: NAME.face1.csv and its plot; the overlay of the first face shows it too."""
         if face_id == 0:
             return self
         table, plot = (
@@ -62,14 +63,14 @@ class Destination:
         tables = [] if self.table is None else list(track_paths(self.table))
         return tables + [p for p in (self.overlay, self.plot) if p is not None]
 
-    def warn_of_more(self, faces: int) -> None:
-        """Say so where there is a further face of an earlier run than so many."""
-        further = self.of_face(faces).table
-        if further is not None and further.exists():
-            warn(f"{further} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
+    def warn_if_stale(self, faces: int) -> None:
+        """Warn if an earlier run with more than this number of faces has left a table."""
+        stale = self.of_face(faces).table
+        if stale is not None and stale.exists():
+            warn(f"{stale} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
 
     def write(self, track: Track) -> None:
-        """Write the table and the plot; the overlay is written on the way."""
+        """Write the table and the plot; the overlay is written while tracking."""
         if self.table is not None:
             track.save(self.table)
         if self.plot is not None:

@@ -1,4 +1,4 @@
-"""Pictures of an estimate on its frame: mesh, landmarks, pose axes, a line of text; and their video."""
+"""Draw an estimate on its frame: mesh, landmarks, pose axes, a caption; and write the overlay video."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.errors import require
-from mien.files import named_errors, put_in_place, temporary_beside, whole_file
+from mien.files import create_temporary, move_into_place, named_errors, whole_file
 from mien.frame import Frame, Pixels
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -22,17 +22,17 @@ from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.tracking.state import Estimate, TrackedLandmarks
 
 SMALLEST_WIDTH = 640
-"""Narrower frames are enlarged by a whole factor before they are drawn upon, so that the mesh stays fine."""
+"""Narrower frames are enlarged by an integer factor before drawing, so that the mesh lines stay thin."""
 MESH = (120, 220, 255)
 SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
 AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
 TEXT, LOST_TEXT = (255, 255, 255), (255, 110, 100)
 AXIS_LENGTH = 0.9  # CANDIDE units
 TIME_BASE = Fraction(1, 90_000)
-_SHIFT = 4  # OpenCV draws between the pixels, with this many binary digits
+_SHIFT = 4  # fractional bits of OpenCV's subpixel drawing
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-_MOST_LINES = 6
-"""Faces of which a line of text tells: more would hide the picture."""
+_MAXIMUM_CAPTIONS = 6
+"""Number of faces with a caption: more would cover the image."""
 
 
 @dataclass(frozen=True)
@@ -44,23 +44,23 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A face of a frame, with its mesh where the tracker has one, and what to call it where there are several."""
+class FaceOverlay:
+    """A face to draw, with its mesh if the tracker has one, and its name if there are several."""
 
     estimate: Estimate
     mesh: Mesh | None = None
     name: str = ""
 
 
-def draw(frame: Frame, faces: Iterable[Shown], camera: Camera) -> Pixels:
-    """What is known of the faces of a frame, drawn on it: (H, W, 3) RGB, the frame's size or a multiple.
+def draw(frame: Frame, faces: Iterable[FaceOverlay], camera: Camera) -> Pixels:
+    """Draw the estimates of faces on their frame; returns (H, W, 3) RGB, of the frame's size or a multiple.
 
-    The mesh shows its visible triangles. Landmarks are green when seen, yellow when doubtful, red rings when
-    hidden. The axes are those of the head: red to the subject's left, green up, blue out of the face.
+    The mesh shows its visible triangles. Landmarks are green if visible, yellow if doubtful, red rings if hidden.
+    The axes are those of the head: red to the subject's left, green up, blue out of the face.
     """
     canvas, scale = _enlarge(frame)
-    shown, bottom = list(faces), canvas.shape[0]
-    for face in shown:
+    drawn, bottom = list(faces), canvas.shape[0]
+    for face in drawn:
         estimate, mesh = face.estimate, face.mesh
         if mesh is not None and estimate.status.success:
             _draw_mesh(canvas, mesh, camera, scale)
@@ -69,7 +69,7 @@ def draw(frame: Frame, faces: Iterable[Shown], camera: Camera) -> Pixels:
             if face.name:
                 _draw_name(canvas, face.name, estimate.landmarks.image * scale)
         _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
-    for face in reversed(shown[:_MOST_LINES]):
+    for face in reversed(drawn[:_MAXIMUM_CAPTIONS]):
         caption = f"{face.name}  {_caption(face.estimate)}".strip()
         bottom = _draw_text(canvas, caption, TEXT if face.estimate.status.success else LOST_TEXT, bottom)
     return canvas
@@ -82,7 +82,8 @@ def draw_mesh(
     camera: Camera,
     landmarks: Array | None = None,
 ) -> Pixels:
-    """The fitted mesh (V, 3) in camera axes, (T, 3) and the landmarks (n, 2) in pixels, to check by eye."""
+    """Draw the fitted mesh, vertices (V, 3) in camera axes and triangles (T, 3), and the landmarks (n, 2) in pixels,
+    for visual inspection."""
     canvas, scale = _enlarge(frame)
     _draw_mesh(canvas, Mesh(vertices, triangles), camera, scale)
     if landmarks is not None:
@@ -91,7 +92,7 @@ def draw_mesh(
 
 
 def save_png(path: Path, pixels: Pixels) -> None:
-    """Write (H, W, 3) RGB pixels as a PNG that appears whole or not at all."""
+    """Write (H, W, 3) RGB pixels as a PNG, atomically."""
     encoded, buffer = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
     require(bool(encoded), f"{path}: the picture cannot be encoded")
     with whole_file(path) as file:
@@ -99,23 +100,23 @@ def save_png(path: Path, pixels: Pixels) -> None:
 
 
 class OverlayWriter:
-    """An H.264 video in an MP4 file that keeps every frame's own time and takes its name when it is closed.
+    """Writes an H.264 video to an MP4 file that keeps the time of every frame; the file gets its name when closed.
 
     with OverlayWriter(path) as writer:
         writer.write(pixels, time)
-    The first picture gives the size; an odd one loses its last row or column, which the format asks for.
+    The first image sets the size; odd sizes lose their last row or column, as the format needs even ones.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._last_pts, self._start = -1, 0.0
         with named_errors(self.path):
-            self._beside = temporary_beside(path)
+            self._temporary = create_temporary(path)
             try:
-                self._container = av.open(str(self._beside), "w", format="mp4")
+                self._container = av.open(str(self._temporary), "w", format="mp4")
                 self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
             except BaseException:
-                self._beside.unlink()
+                self._temporary.unlink()
                 raise
         self._stream.pix_fmt = "yuv420p"
         self._stream.codec_context.time_base = TIME_BASE
@@ -129,33 +130,33 @@ class OverlayWriter:
         self.close()
 
     def write(self, pixels: Pixels, time: float) -> None:
-        """Append (H, W, 3) RGB pixels, shown from `time` seconds on."""
+        """Append (H, W, 3) RGB pixels, displayed from `time` (seconds) on."""
         if self._last_pts < 0:
             self._start = time
             self._stream.height, self._stream.width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
         even = np.ascontiguousarray(pixels[: self._stream.height, : self._stream.width])
         picture = av.VideoFrame.from_ndarray(even, format="rgb24")
-        # The format wants times that grow: a frame that repeats its predecessor's time gets the next tick.
+        # The format needs increasing times: a frame that repeats the time of the previous one gets the next tick.
         self._last_pts = max(round((time - self._start) / TIME_BASE), self._last_pts + 1)
         picture.pts, picture.time_base = self._last_pts, TIME_BASE
         with named_errors(self.path):
             self._container.mux(self._stream.encode(picture))
 
     def close(self) -> None:
-        """Finish the file and give it its name. A video without a picture leaves no file."""
+        """Finish the file and give it its name. A video without frames leaves no file."""
         try:
             with named_errors(self.path):
                 if self._last_pts >= 0:
                     self._container.mux(self._stream.encode())
                 self._container.close()
                 if self._last_pts >= 0:
-                    put_in_place(self._beside, self.path)
+                    move_into_place(self._temporary, self.path)
         finally:
-            self._beside.unlink(missing_ok=True)
+            self._temporary.unlink(missing_ok=True)
 
 
 def _enlarge(frame: Frame) -> tuple[Pixels, int]:
-    """A copy to draw on, and by what it is larger than the frame."""
+    """A copy of the frame to draw on, and the factor by which it is enlarged."""
     scale = max(1, round(SMALLEST_WIDTH / frame.width))
     if scale == 1:
         return np.array(frame.pixels), 1
@@ -164,12 +165,12 @@ def _enlarge(frame: Frame) -> tuple[Pixels, int]:
 
 
 def _to_canvas(X: Array, camera: Camera, scale: int) -> Array:
-    """Points of the enlarged picture: (n, 3) camera axes -> (n, 2); NaN behind the camera."""
+    """Project points (n, 3) in camera axes to pixels (n, 2) of the enlarged image; NaN behind the camera."""
     return camera.project(X)[0] * scale + (scale - 1) / 2
 
 
 def _fixed_point(p: Array) -> NDArray[np.int32]:
-    """Points for OpenCV's drawing between the pixels."""
+    """Fixed-point coordinates for OpenCV's subpixel drawing."""
     return np.asarray(np.round(np.clip(p, -1e4, 1e4) * (1 << _SHIFT)), dtype=np.int32)
 
 
@@ -182,11 +183,11 @@ def _draw_mesh(canvas: Pixels, mesh: Mesh, camera: Camera, scale: int) -> None:
 
 
 def _visible_edges(p: Array, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
-    """(E, 2) edges, each once, of the triangles that show their outer side; p (V, 2) with v pointing down."""
+    """Unique edges (E, 2) of the front-facing triangles; p (V, 2) with v pointing down."""
     a, b, c = (p[triangles[:, k]] for k in range(3))
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    seen = triangles[area < 0]  # counter-clockwise from outside, clockwise in the image's axes; NaN is unseen
-    edges = np.vstack([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]])
+    front = triangles[area < 0]  # counter-clockwise from outside, so negative with v pointing down; NaN is excluded
+    edges = np.vstack([front[:, [0, 1]], front[:, [1, 2]], front[:, [2, 0]]])
     return np.asarray(np.unique(np.sort(edges, axis=1), axis=0))
 
 
@@ -198,11 +199,11 @@ def _draw_landmarks(canvas: Pixels, landmarks: TrackedLandmarks, scale: int) -> 
 
 
 def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int, int]]) -> None:
-    """Dots with a dark rim, smaller on a small face; the hidden ones are rings."""
+    """Draw dots with a dark rim, smaller on a small face; hidden landmarks are rings."""
     known = [(point, colour) for point, colour in zip(points, colours, strict=True) if np.isfinite(point).all()]
     if not known:
         return
-    face = float(np.ptp([point for point, _ in known], axis=0).max()) or np.inf  # one point says nothing of its size
+    face = float(np.ptp([point for point, _ in known], axis=0).max()) or np.inf  # unknown from a single point
     radius = min(max(2.6, canvas.shape[1] / 250), max(1.2, face / 45))
     for point, colour in known:
         centre, r = tuple(_fixed_point(point).tolist()), int(radius * (1 << _SHIFT))
@@ -214,7 +215,7 @@ def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int
 
 
 def _axes_origin(estimate: Estimate, mesh: Mesh | None) -> Array | None:
-    """The tip of the nose where it is known, else the origin of the head: (3,) camera axes."""
+    """The tip of the nose if known, else the origin of the head: (3,) camera axes."""
     if mesh is not None:
         return np.asarray(mesh.vertices[LANDMARK_VERTICES["nose_tip"]])
     known = estimate.landmarks
@@ -238,7 +239,7 @@ def _draw_axes(canvas: Pixels, estimate: Estimate, origin: Array | None, camera:
 
 
 def _caption(estimate: Estimate) -> str:
-    """`tracked  97%  yaw +12.3  pitch -4.0  roll +0.8`, or why the face is lost."""
+    """`tracked  97%  yaw +12.3  pitch -4.0  roll +0.8`, or the reason for which the face is lost."""
     if estimate.euler is None:
         return f"{estimate.status.value}  {estimate.reason}".strip()
     pitch, yaw, roll = np.degrees(estimate.euler)
@@ -249,7 +250,7 @@ def _caption(estimate: Estimate) -> str:
 
 
 def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
-    """What a face is called, above its landmarks (n, 2)."""
+    """Draw the name of a face above its landmarks (n, 2)."""
     place = points[:, 0].mean(), points[:, 1].min() - 0.6 * np.ptp(points[:, 1])
     if np.isfinite(place).all():
         (width, height), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
@@ -259,7 +260,7 @@ def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
 
 
 def _draw_text(canvas: Pixels, text: str, colour: tuple[int, int, int], bottom: int) -> int:
-    """One line on a dark strip that ends at a row, as large as the width allows; returns the row where it begins."""
+    """Draw a line of text, as large as the width allows, on a dark strip above row `bottom`; returns its top row."""
     size = _text_size(canvas)
     (width, height), baseline = cv2.getTextSize(text, _FONT, size, 1)
     size *= min(1.0, (canvas.shape[1] - 16) / max(width, 1))

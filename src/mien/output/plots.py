@@ -1,4 +1,4 @@
-"""A track over time on one page: angles with their 90 per cent band, animation, confidence."""
+"""Plot of a track over time: angles with their 90 % interval, animation, confidence."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from mien.output.track import Track
 
 NORMAL_90 = 1.6449
-"""Half width of the central 90 per cent of a normal distribution, in standard deviations."""
+"""Half width of the central 90 % interval of a normal distribution, in standard deviations."""
 ANGLE_NAMES = ("pitch", "yaw", "roll")
 COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b", "#7a4fa3", "#3a9ca8", "#5a5a5a")
 LOST_COLOUR = "#d9d4cf"
 
 
 def plot_track(track: Track, path: Path) -> None:
-    """Write a PNG (or PDF, SVG, by the ending) of the track. Lost frames are shaded."""
+    """Plot the track to a PNG (or PDF, SVG, by the suffix), with lost frames shaded."""
     animation = track.animation
     figure = Figure(figsize=(10, 7.5 if animation is not None else 5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -59,7 +59,7 @@ def plot_track(track: Track, path: Path) -> None:
 
 
 def _plot_series(axis: Axes, time: Array, values: Array, sd: Array | None, names: Sequence[str]) -> None:
-    """One line per column of values (n, k), broken where a frame is lost, with its band where sd is known."""
+    """One line per column of values (n, k), interrupted at lost frames, with a 90 % band if sd is known."""
     for k, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
         axis.plot(time, values[:, k], color=colour, label=name, linewidth=1.4, marker=".", markersize=3)
         if sd is None:
@@ -68,7 +68,7 @@ def _plot_series(axis: Axes, time: Array, values: Array, sd: Array | None, names
         if len(time) > 1:
             low, high = values[:, k] - half, values[:, k] + half
             axis.fill_between(time, low, high, color=colour, alpha=0.18, linewidth=0)
-        else:  # a band of one frame has no width
+        else:  # with a single frame the band would have no extent in time
             axis.errorbar(time, values[:, k], half, color=colour, alpha=0.5, capsize=6)
     if sd is not None:
         axis.fill_between([], [], [], color="#888888", alpha=0.3, linewidth=0, label="90 % band")
@@ -83,11 +83,11 @@ def _plot_confidence(axis: Axes, time: Array, confidence: Array) -> None:
 
 
 def _shade(axis: Axes, time: Array, lost: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
-    """Shade from half way before the first to half way after the last frame of each run of lost frames."""
+    """Shade each run of lost frames, from halfway before its first frame to halfway after its last."""
     if not lost.any():
         return
-    middle = 0.5 * (time[1:] + time[:-1])
-    borders = np.concatenate([time[:1], middle, time[-1:]])
+    midpoints = 0.5 * (time[1:] + time[:-1])
+    borders = np.concatenate([time[:1], midpoints, time[-1:]])
     steps = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(int)))
-    for first, behind in steps.reshape(-1, 2):
-        axis.axvspan(borders[first], borders[behind], color=LOST_COLOUR, linewidth=0, zorder=0)
+    for first, stop in steps.reshape(-1, 2):
+        axis.axvspan(borders[first], borders[stop], color=LOST_COLOUR, linewidth=0, zorder=0)

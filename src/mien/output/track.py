@@ -1,4 +1,4 @@
-"""The estimates of a whole video as one table, and its files."""
+"""The estimates of a whole video as one table, and their files."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from mien.output.columns import (
     ROTATION,
     ROTATION_SD,
     TRANSLATION,
-    cell_type,
-    estimate_of,
+    column_type,
+    estimate_from_row,
     import_pandas,
-    in_order,
-    lost_rows,
-    table_of,
-    turned_rows,
+    mark_lost,
+    rotate_rows,
+    sort_columns,
+    table_from_estimates,
 )
 from mien.tracking.state import EYES_CLOSED, Estimate
 
@@ -45,15 +45,15 @@ if TYPE_CHECKING:
 ENDINGS = (".csv", ".json", ".parquet")
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 BATCH = 256
-"""Estimates that are held in memory before they go to the recorder's file."""
+"""Number of estimates that the recorder buffers in memory before it writes them to its file."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One row a frame, and what is needed to get the same numbers again.
+    """A table with one row per frame, and the metadata to reproduce it.
 
-    table: the columns of `mien.output.columns`; what was not estimated in any frame has no column, what is
-    not known of one frame is null. metadata: plain values, the content of NAME.json.
+    table: the columns of `mien.output.columns`; a quantity that is never estimated has no column, one that is missing
+    in a frame is null. metadata: plain values, the content of NAME.json.
     """
 
     table: pa.Table
@@ -61,8 +61,8 @@ class Track:
 
     @classmethod
     def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
-        """The track of these estimates, as of `mien.stream`; in its metadata are the names of the landmarks and the
-        millimetres of a CANDIDE unit, unless `metadata` says otherwise."""
+        """The track of these estimates, for example from `mien.stream`. Its metadata include `landmark_names` and
+        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them."""
         with Recorder() as recorder:
             for estimate in estimates:
                 recorder.add(estimate)
@@ -88,12 +88,12 @@ class Track:
 
     @cached_property
     def confidence(self) -> Array:
-        """(n,) probability in [0, 1] that the rotation is right to 5 degrees."""
+        """(n,) probability in [0, 1] that the rotation error is below 5 degrees."""
         return self._numbers("confidence")
 
     @cached_property
     def status(self) -> list[str]:
-        """n values of `Status`."""
+        """Values of `Status`, one per frame."""
         return [str(s) for s in self.table.column("status").to_pylist()]
 
     @property
@@ -105,7 +105,7 @@ class Track:
     def euler_deg(self) -> Array:
         """(n, 3) pitch, yaw and roll in degrees, the angles of `Rx Ry Rz`, NaN where the face is lost.
 
-        Positive pitch nods, positive yaw turns to the left of the image, positive roll leans clockwise in it.
+        Positive pitch nods down, positive yaw turns to the left of the image, positive roll tilts clockwise in it.
         """
         known = self._matrix(ROTATION)
         return np.full((len(self), 3), np.nan) if known is None else np.degrees(known)
@@ -133,7 +133,7 @@ class Track:
 
     @cached_property
     def eyes_closed(self) -> Array | None:
-        """(n,) how far both eyes have closed since the frame in which tracking began, 1 being shut."""
+        """(n,) closure of both eyes relative to the first frame of tracking; 1 is shut."""
         return self._vector(EYES_CLOSED)
 
     @cached_property
@@ -149,30 +149,30 @@ class Track:
         return None if x is None or y is None else np.stack([x, y], axis=-1)
 
     def without(self, reasons: Sequence[str | None]) -> Track:
-        """The track with the face lost in the frames for which there is a reason, one or None for every frame."""
+        """The track with the face marked as lost in the frames that have a reason; a reason or None for each frame."""
         reason = pa.array(reasons, pa.string())
-        return replace(self, table=lost_rows(self.table, reason)) if reason.null_count < len(reason) else self
+        return replace(self, table=mark_lost(self.table, reason)) if reason.null_count < len(reason) else self
 
     def turned(self, R: Array) -> Track:
-        """The track with the rotation (3, 3) of every frame turned by R (3, 3), in camera axes."""
+        """The track with the rotation of every frame multiplied from the left by R (3, 3), in camera axes."""
         if not set(ROTATION) <= set(self.table.column_names):
             return self
-        return replace(self, table=turned_rows(self.table, R))
+        return replace(self, table=rotate_rows(self.table, R))
 
     def estimates(self) -> Iterator[Estimate]:
-        """The estimate of every frame, as the table holds it: without covariance, and rounded."""
+        """The estimate of every frame as stored in the table: rounded, and without covariance."""
         names = tuple(self.metadata.get("landmark_names", ()))
         mm_per_unit = float(self.metadata.get("mm_per_unit", 1.0))
         for batch in self.table.to_batches(max_chunksize=BATCH):
             for row in batch.to_pylist():
-                yield estimate_of(row, names, mm_per_unit)
+                yield estimate_from_row(row, names, mm_per_unit)
 
     def to_arrow(self) -> pa.Table:
         """The table, for Arrow, Polars and DuckDB."""
         return self.table
 
     def to_pandas(self) -> pd.DataFrame:
-        """The table as a DataFrame. Raises MienError where pandas is not installed."""
+        """The table as a DataFrame. Raises MienError if pandas is not installed."""
         try:
             frame: pd.DataFrame = self.table.to_pandas()
         except ImportError as error:
@@ -182,26 +182,26 @@ class Track:
     def save(self, path: str | Path) -> tuple[Path, Path, Path]:
         """Write NAME.csv, NAME.json and NAME.parquet, all or none; `path` is NAME or one of the three.
 
-        Raises MienError where they cannot be written.
+        Raises MienError if they cannot be written.
         """
         paths = track_paths(path)
         writers = (self._write_csv, self._write_json, self._write_parquet)
-        with ExitStack() as stack:  # left in reverse: where there is a CSV, there are the others
+        with ExitStack() as stack:  # files are renamed in reverse order: if the CSV exists, so do the others
             for final, write in zip(paths, writers, strict=True):
                 write(stack.enter_context(whole_file(final)))
         return paths
 
     @classmethod
     def read(cls, path: str | Path) -> Track:
-        """The track of a `.csv` or `.parquet` file, with the metadata of the JSON beside it if there is one.
+        """Read a track from a `.csv` or `.parquet` file, with the metadata of the JSON beside it, if any.
 
-        Raises MienError naming the file if it is missing or no track.
+        Raises MienError naming the file if it is missing or not a track.
         """
         path = Path(path)
         ending = path.suffix.lower()
         path = path if ending in ENDINGS else track_paths(path)[0]
         require(path.is_file(), f"{path}: no such file; check the name")
-        require(ending != ".json", f"{path} holds the settings; read the .csv or .parquet beside it")
+        require(ending != ".json", f"{path} contains the settings; read the .csv or .parquet beside it")
         import_pandas()
         reading, beside = path, path.with_suffix(".json")
         try:
@@ -212,11 +212,11 @@ class Track:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
         missing = {"frame", "timestamp", "confidence", "success", "status"} - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
-        require(isinstance(metadata, dict), f"{beside} is not of a track of mien; track the video again")
+        require(isinstance(metadata, dict), f"{beside} is not the JSON of a track of mien; track the video again")
         return cls(table, metadata)
 
     def plot(self, path: str | Path) -> Path:
-        """Draw angles and animation units over time to a picture, by its ending a PNG, PDF or SVG."""
+        """Plot angles and animation units over time to a PNG, PDF or SVG file, by its suffix."""
         from mien.output.plots import plot_track
 
         picture = require_ending(Path(path), PLOT_ENDINGS)
@@ -249,14 +249,14 @@ class Track:
     def _write_parquet(self, path: Path) -> None:
         from pyarrow import parquet
 
-        parquet.write_table(self.table, path, row_group_size=16 * BATCH)  # more would be held in memory at once
+        parquet.write_table(self.table, path, row_group_size=16 * BATCH)  # bounds the memory
 
 
 class Recorder:
-    """Collects estimates in a nameless temporary file, so that memory does not grow with the video.
+    """Collects estimates in an unnamed temporary file, so that memory does not grow with the video.
 
-    The file lies in the folder of `path` if one is given. It vanishes with the process, however that ends. face_id:
-    which face of the video the estimates are of.
+    The file is in the folder of `path`, if given, and disappears with the process, however that ends. face_id: index
+    of the face in the video.
     """
 
     def __init__(self, path: Path | None = None, face_id: int = 0) -> None:
@@ -265,7 +265,7 @@ class Recorder:
         self.count = 0
         self.landmark_names: tuple[str, ...] = ()
         self.mm_per_unit = 1.0
-        self._waiting: list[Estimate] = []
+        self._buffer: list[Estimate] = []
         with named_errors(self.path):
             folder = None if path is None else path.parent
             self._file: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by __exit__
@@ -274,44 +274,44 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # what a full disk has kept in the buffer is not wanted any more
+        with suppress(OSError):  # on a full disk, flushing the buffer fails; its content is no longer needed
             self._file.close()
 
     def add(self, estimate: Estimate) -> None:
         """Append one row."""
-        self._waiting.append(estimate)
+        self._buffer.append(estimate)
         if estimate.landmarks is not None:
             self.landmark_names = estimate.landmarks.names
         if estimate.status.success:
             self.mm_per_unit = estimate.mm_per_unit
         self.count += 1
-        if len(self._waiting) >= BATCH:
+        if len(self._buffer) >= BATCH:
             self._flush()
 
     def track(self, metadata: Mapping[str, Any]) -> Track:
-        """All rows so far; they stay in the file and are read when they are needed."""
-        require(self.count > 0, f"{self.path}: there is nothing to write, no frame was tracked")
+        """The track of all rows so far; they stay in the file and are read on demand."""
+        require(self.count > 0, f"{self.path}: there is nothing to write, as no frame was tracked")
         self._flush()
         content = pa.BufferReader(pa.py_buffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)))
         tables = []
         while content.tell() < content.size():
             tables.append(pa.ipc.open_stream(content).read_all())
         table = pa.concat_tables(tables, promote_options="default")
-        return Track(table.select(in_order(table.column_names)), metadata)
+        return Track(table.select(sort_columns(table.column_names)), metadata)
 
     def _flush(self) -> None:
-        """Each batch has a schema of its own: what is estimated may change on the way."""
-        if self._waiting:
-            table = table_of(self._waiting, self.face_id)
+        """Each batch has its own schema, as the estimated quantities may change during a video."""
+        if self._buffer:
+            table = table_from_estimates(self._buffer, self.face_id)
             with named_errors(self.path):
                 with pa.ipc.new_stream(self._file, table.schema) as stream:
                     stream.write_table(table)
                 self._file.flush()
-            self._waiting.clear()
+            self._buffer.clear()
 
 
 def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
-    """NAME.csv, NAME.json and NAME.parquet of NAME or of one of the three."""
+    """The paths NAME.csv, NAME.json and NAME.parquet, given NAME or one of the three."""
     path = Path(path)
     name = path.name.removesuffix(path.suffix) if path.suffix.lower() in ENDINGS else path.name
     require(bool(name), f"{path} is not the name of a file; give one such as out.csv")
@@ -320,13 +320,13 @@ def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
 
 
 def _read_csv(path: Path) -> pa.Table:
-    """The table of a CSV, also as R, pandas and spreadsheets write it again, with columns of their own."""
+    """The table of a CSV, possibly rewritten by R, pandas or a spreadsheet, with additional columns."""
     from pyarrow import csv
 
     with opened_csv(path) as file:
         names = [n.strip() for n in next(reader(file), [])]
         content = pa.BufferReader(file.getvalue().encode()) if isinstance(file, StringIO) else path
-    types = {n: known for n in names if (known := cell_type(n)) is not None}
+    types = {n: known for n in names if (known := column_type(n)) is not None}
     missing = ["", "NA", "NaN", "nan"]
     options = csv.ConvertOptions(column_types=types, null_values=missing, strings_can_be_null=True)
     return csv.read_csv(content, csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)

@@ -1,4 +1,4 @@
-"""A window that shows pictures as they come."""
+"""A window that shows frames as they arrive."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from mien.errors import MienError, require
 from mien.frame import Pixels
 
 _KEYS = (27, ord("q"))
-"""Escape and q end it."""
-_WIDEST = 1280
-"""Pixels that a window has across, at first."""
+"""Escape and q close the window."""
+_MAXIMUM_WIDTH = 1280
+"""Largest initial width of a window, in pixels."""
 
 
 def require_screen() -> None:
-    """Raise MienError where there is no screen: OpenCV would end the process."""
-    blind = sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    require(not blind, "there is no screen to show the video on; write one with --overlay")
+    """Raise MienError if there is no screen, as OpenCV would end the process."""
+    headless = sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    require(not headless, "there is no screen to show the video on; write one with --overlay")
 
 
 class Window:
-    """A window on the screen; closing it, Escape and q interrupt the program as Ctrl-C does.
+    """A window on the screen; Escape, q, or closing it interrupts the program like Ctrl-C.
 
     with Window("face") as window:
         window.show(pixels)
-    Raises MienError where there is no screen.
+    Raises MienError if there is no screen.
     """
 
     def __init__(self, title: str) -> None:
@@ -49,10 +49,10 @@ class Window:
             cv2.destroyWindow(self.title)
 
     def show(self, pixels: Pixels) -> None:
-        """Show (H, W, 3) RGB pixels now. Raises KeyboardInterrupt when the user has had enough."""
+        """Show (H, W, 3) RGB pixels now. Raises KeyboardInterrupt when the user closes the window."""
         height, width = pixels.shape[:2]
         if (width, height) != self._size:
-            self._size, shrink = (width, height), min(1.0, _WIDEST / width)
+            self._size, shrink = (width, height), min(1.0, _MAXIMUM_WIDTH / width)
             cv2.resizeWindow(self.title, round(shrink * width), round(shrink * height))
         cv2.imshow(self.title, cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
         key = cv2.waitKey(1) & 0xFF
