@@ -243,7 +243,7 @@ def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
 
 def scored(estimates: list[Estimate], run: Run) -> Score:
     """Estimates of every frame of a run beside its truth."""
-    sequence, table = run.sequence, TrackTable.of(estimates)
+    sequence, table = run.sequence, TrackTable.from_estimates(estimates)
     result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
     return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
 

@@ -120,7 +120,7 @@ def track(name: str, pixels: list[Pixels]) -> TrackTable | None:
         first = tracker.initialize(frames[0], faces[0], Camera.from_fov(frames[0].width, frames[0].height))
     except MienError:
         return None
-    return TrackTable.of([first, *(tracker.track(frame) for frame in frames[1:])])
+    return TrackTable.from_estimates([first, *(tracker.track(frame) for frame in frames[1:])])
 
 
 def row(name: str, clean: list[TrackTable], disturbed: list[TrackTable | None], step: int) -> str:

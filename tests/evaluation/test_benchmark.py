@@ -13,7 +13,7 @@ import pytest
 from evaluation import tiny
 from mien.errors import MienError
 from mien.evaluation import benchmark
-from mien.evaluation.benchmark import _chosen, run_plan, track_job
+from mien.evaluation.benchmark import _select, run_plan, track_job
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
@@ -222,7 +222,7 @@ def test_sequences_are_chosen_by_name(tmp_path: Path) -> None:
     plan = _plan(tmp_path, STILL, names=("a_uniform1", "b, c_wide1", "b", "d,e"))
 
     def chosen(*names: str) -> list[str]:
-        return [s.name for s in _chosen(load_dataset("rendered", plan.root), names)]
+        return [s.name for s in _select(load_dataset("rendered", plan.root), names)]
 
     assert chosen() == chosen(" ") == ["a_uniform1", "b, c_wide1", "b", "d,e"]
     for names in (("b,a_uniform1",), (" a_uniform1 , b,",), ("b", "a_uniform1")):
@@ -237,9 +237,9 @@ def test_a_folder_holds_one_data_set(tmp_path: Path) -> None:
     plan = _plan(tmp_path, STILL)
     plan.out.mkdir()
     Evaluation("buft", "paper", "truth", 30.0, (), (), (), "").save(plan.out)
-    with pytest.raises(MienError, match="holds results of the data set buft"):
+    with pytest.raises(MienError, match="contains results of the data set buft"):
         run_plan(plan)
-    with pytest.raises(MienError, match="holds no results"):
+    with pytest.raises(MienError, match="contains no results"):
         Evaluation.load(tmp_path)
 
 

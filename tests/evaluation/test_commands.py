@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from evaluation import tiny
-from mien.evaluation.commands import _named
+from mien.evaluation.commands import _tracker_names
 
 
 def _mien(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -60,9 +60,9 @@ def test_trackers_are_named_with_commas_between(tmp_path: Path, monkeypatch: pyt
         (["openface:none,b.csv,mine:Own"], ("openface:none", "b.csv", "mine:Own")),
         ([f"openface:{'a' * 300}"], (f"openface:{'a' * 300}",)),
     ):
-        assert _named(texts) == names
-    assert "openface" not in _named(["all"])
-    assert _named(["paper,all"])[0] == "paper"
+        assert _tracker_names(texts) == names
+    assert "openface" not in _tracker_names(["all"])
+    assert _tracker_names(["paper,all"])[0] == "paper"
 
 
 def test_bad_input_is_one_sentence_and_status_2(tmp_path: Path) -> None:
@@ -71,10 +71,10 @@ def test_bad_input_is_one_sentence_and_status_2(tmp_path: Path) -> None:
     for arguments, sentence in (
         (("evaluate", "bu", data, "-o", out), "buft, talking-face, rendered, video"),
         (("evaluate", "buft", tmp_path / "none", "-o", out, *tracker), "does not exist"),
-        (("evaluate", "buft", data, "-o", out, *tracker), "holds no sequence of BUFT"),
+        (("evaluate", "buft", data, "-o", out, *tracker), "contains no sequence of BUFT"),
         (("evaluate", "rendered", data, "-o", out, "--trackers", "papper"), "unknown tracker 'papper'"),
         (("evaluate", "rendered", data, "-o", out, *tracker, "--protocol", "best"), "paper, rebased, sensor"),
-        (("report", tmp_path), "holds no results"),
+        (("report", tmp_path), "contains no results"),
     ):
         run = _mien(*arguments)
         assert run.returncode == 2, (arguments, run.stdout, run.stderr)
@@ -90,6 +90,6 @@ def test_where_nothing_could_be_done_the_reason_is_given(tmp_path: Path) -> None
         "--quiet", "-o", tmp_path / "out",
     )  # fmt: skip
     assert run.returncode == 2
-    assert "no tracker gave a figure" in run.stderr
+    assert "no tracker gave a result" in run.stderr
     assert "not a finite number" in run.stderr
     assert (tmp_path / "out" / "report.html").is_file()

@@ -76,7 +76,7 @@ def test_the_rule_of_buft_is_that_of_rebased() -> None:
 
 
 def test_buft_refuses_what_it_cannot_read(tmp_path: Path) -> None:
-    with pytest.raises(MienError, match="holds no sequence of BUFT"):
+    with pytest.raises(MienError, match="contains no sequence of BUFT"):
         load_dataset("buft", tmp_path)
     tiny.buft(tmp_path)
     dat = tmp_path / "jam1.dat"
@@ -117,7 +117,7 @@ def test_rendered_without_exact_truth_reads_the_dat(tmp_path: Path) -> None:
 
 
 def test_rendered_refuses_what_it_cannot_read(tmp_path: Path) -> None:
-    with pytest.raises(MienError, match="holds no rendered sequence"):
+    with pytest.raises(MienError, match="contains no rendered sequence"):
         load_dataset("rendered", tmp_path)
     tiny.rendered(tmp_path)
     with pytest.raises(MienError, match="describes 6 frames and its video has 5"):
@@ -133,8 +133,8 @@ def test_rendered_refuses_what_it_cannot_read(tmp_path: Path) -> None:
         _truth("rendered", tmp_path)
     R = head_rotations(angles_deg())
     for more, words in (
-        ({"landmarks68": np.zeros((FRAMES, 136))}, "a frame of landmarks68 has another shape"),
-        ({"expression": np.zeros((FRAMES, 2))}, "a frame of expression has another shape"),
+        ({"landmarks68": np.zeros((FRAMES, 136))}, "landmarks68 of each frame must have the shape"),
+        ({"expression": np.zeros((FRAMES, 2))}, "expression of each frame must have the shape"),
         ({"R": 0 * R}, "R of frame 0 is no rotation"),
     ):
         np.savez(exact, **({"R": R} | more))
@@ -142,7 +142,7 @@ def test_rendered_refuses_what_it_cannot_read(tmp_path: Path) -> None:
             _truth("rendered", tmp_path)
     for broken in ("no archive", ""):
         exact.write_text(broken)
-        with pytest.raises(MienError, match="not an npz file"):
+        with pytest.raises(MienError, match="not a readable npz file"):
             _truth("rendered", tmp_path)
 
 
@@ -185,12 +185,12 @@ def test_talking_face_of_fgnet(tmp_path: Path, braces: bool) -> None:
     assert truth.landmarks is not None
     twelve = points_of_scheme(truth.landmarks, truth.landmark_scheme)
     np.testing.assert_allclose(twelve[1], points[list(FGNET_POINTS)], atol=1e-3)
-    with pytest.raises(MienError, match="take them from the detector"):
+    with pytest.raises(MienError, match="use detected landmarks"):
         truth.first_landmarks("x")
 
 
 def test_talking_face_refuses_what_it_cannot_read(tmp_path: Path) -> None:
-    with pytest.raises(MienError, match="holds no point file"):
+    with pytest.raises(MienError, match="contains no point file"):
         load_dataset("talking-face", tmp_path)
     tiny.talking_face(tmp_path, face68(), tiny.pts(face68()), (0, 3))
     with pytest.raises(MienError, match="belongs to frame 3 and the video has 2"):
@@ -239,7 +239,7 @@ def test_a_video_without_numbers_of_frames_needs_a_row_for_each(tmp_path: Path) 
 
 
 def test_annotations_that_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(MienError, match="holds no annotated video"):
+    with pytest.raises(MienError, match="contains no annotated video"):
         load_dataset("video", tmp_path)
     header = "frame,success,pose_Rx,pose_Ry,pose_Rz"
     for rows, message in (
@@ -248,7 +248,7 @@ def test_annotations_that_are_refused(tmp_path: Path) -> None:
         (["0,1,0,0,x"], "a cell is not a number"),
         (["9,1,0,0,0"], "frames up to 9"),
         (["2,1,0,0,0", "2,1,0,0,0"], "two rows for one frame"),
-        ([], "holds no row"),
+        ([], "has no rows"),
     ):
         with pytest.raises(MienError, match=message):
             _truth("video", _annotate(tmp_path, header, rows))

@@ -190,7 +190,7 @@ def test_bad_input() -> None:
     lost = np.full((6, 3, 3), np.nan)
     with pytest.raises(MienError, match="no pose in the first frame"):
         compare(Protocol.REBASED, truth(), lost)
-    with pytest.raises(MienError, match="no truth of the pose"):
+    with pytest.raises(MienError, match="no true pose"):
         compare(Protocol.REBASED, Truth(6), lost)
     with pytest.raises(MienError, match="5 frames and the truth 6"):
         compare(Protocol.REBASED, truth(), lost[:5])

@@ -142,7 +142,7 @@ def test_the_table_of_buft_says_which_sequences_are_there(out: Path) -> None:
     table = tables.published_and_measured(replace(scores, evaluation=evaluation, scores=scores.scores))
     assert table is None or "45" in table.note
     assert tables.coverage_of_buft(replace(scores, evaluation=evaluation)) == (
-        "Of the 45 sequences of the uniform-light set 1 are there: jam1."
+        "Of the 45 sequences of the uniform-light set 1 are present: jam1."
     )
 
 
@@ -210,12 +210,12 @@ def test_pictures_of_the_markdown_report_exist(out: Path) -> None:
 def test_what_a_report_refuses(out: Path, tmp_path: Path) -> None:
     with pytest.raises(MienError, match="markdown, latex, csv, html"):
         write_report(load_scores(out), out, "word")
-    with pytest.raises(MienError, match="holds no results"):
+    with pytest.raises(MienError, match="contains no results"):
         load_scores(tmp_path)
     with pytest.raises(MienError, match="unknown protocol"):
         load_scores(out, "best")
     (tmp_path / "evaluation.json").write_text('{"dataset": 3}')
-    with pytest.raises(MienError, match="not of this version"):
+    with pytest.raises(MienError, match="not from this version"):
         load_scores(tmp_path)
 
 
@@ -230,7 +230,7 @@ def test_a_damaged_file_is_named_and_the_others_are_reported(out: Path, tmp_path
     assert [str(w.message).partition(" ")[0] for w in warned] == [str(timing), str(result)]
     assert all("run mien evaluate again" in str(w.message) for w in warned)
     assert scores.timings == ()
-    assert [s.result.sequence for s in scores.of("good")] == ["a_uniform1"]
+    assert [s.result.sequence for s in scores.for_tracker("good")] == ["a_uniform1"]
     text = write_report(scores, copy, "markdown").read_text(encoding="utf-8")
     assert f"{result} is damaged" in text
 
@@ -259,7 +259,7 @@ def test_figures_are_pictures(out: Path) -> None:
 
 def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> None:
     scores = load_scores(out)
-    one, *_ = scores.of("good")
+    one, *_ = scores.for_tracker("good")
     names = tuple(f"own_trackers:Tracker{k:02}" for k in range(11))
     many = tuple(replace(one, result=replace(one.result, tracker=name)) for name in names[:-1])
     made = replace(scores, evaluation=replace(scores.evaluation, trackers=names), scores=many)
@@ -274,7 +274,7 @@ def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> N
 
 
 def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:
-    sheet = contact_sheet(load_scores(out).of("good"))
+    sheet = contact_sheet(load_scores(out).for_tracker("good"))
     assert sheet is not None
     assert sheet.shape == (3 * 320, 5 * 320, 3)  # twelve frames, five in a row
     assert contact_sheet(()) is None

@@ -159,7 +159,7 @@ class _Breaks(Still):
     ("answer", "message"),
     [
         (None, "returned NoneType"),
-        (Estimate(0, 0.0, Status.TRACKED, rotation=2 * np.eye(3)), "rotation is not one"),
+        (Estimate(0, 0.0, Status.TRACKED, rotation=2 * np.eye(3)), "not a rotation matrix"),
         (Estimate(0, 0.0, Status.LOST, rotation=np.eye(3)), "belongs to a lost frame"),
     ],
 )

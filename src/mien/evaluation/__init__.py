@@ -1,1 +1,1 @@
-"""Evaluation: data sets, protocols, measures, the benchmark, its tables and figures."""
+"""Evaluation: data sets, protocols, metrics, the benchmark, its tables and figures."""

@@ -1,8 +1,8 @@
-"""Every tracker on every sequence, in processes of their own.
+"""Run every tracker on every sequence, each in a separate process.
 
-DIR/landmarks holds the first frames, DIR/tracks/TRACKER and DIR/timing/TRACKER a file a sequence. A result is
-kept when it was made with the same settings: the same code, camera, first landmarks, video and truth, told by
-their checksums. A failure is tried again. Timings are measured after everything else, one at a time.
+DIR/landmarks contains the landmarks of the first frames, DIR/tracks/TRACKER and DIR/timing/TRACKER one file per
+sequence. A result is kept if its settings are unchanged: code, camera, first landmarks, video and truth, identified by
+checksums. Failures are tried again. Speed is measured last, one process at a time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mien.errors import MienError, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence as DataSequence
 from mien.evaluation.job import Job
-from mien.evaluation.plan import Evaluation, Plan, command_of, label, names_in, replays, result_path, timing_path
+from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, result_path, split_names, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
 from mien.processes import Call, Command, Progress, run_commands
@@ -28,14 +28,14 @@ DEFAULT_TIME_LIMIT = 1800.0
 """Seconds that one tracker may take for one sequence."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Processes beside each other would fight for the cores, one thread always adds up in the same order, and a speed
-is that of one core. MediaPipe takes the threads that it wants all the same."""
+"""With one thread, parallel processes do not compete for cores, sums are always in the same order, and speeds are those
+of one core. MediaPipe ignores this and starts its own threads."""
 
-NOT_OF_A_TRACK = (
+NOT_USED_BY_TRACKERS = (
     "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py", "pipeline.py",
     "processes.py", "synthetic.py",
 )  # fmt: skip
-"""Parts of mien that a track does not depend on."""
+"""Parts of mien on which tracks do not depend."""
 
 
 def run_plan(
@@ -45,11 +45,13 @@ def run_plan(
     progress: Progress = lambda done, total, name: None,
     forked: bool = False,
 ) -> Evaluation:
-    """Run what is missing. forked: whether processes may be forked, as of `mien.batch.track_all`; those that are timed,
-    and of trackers of your own, are new ones all the same. Raises MienError where the plan cannot be begun; a failed
-    sequence is a result."""
+    """Run the jobs of a plan that have no valid result yet.
+
+    forked: whether processes may be forked, as for `mien.batch.track_all`; timings, and your own trackers, always get
+    new processes. Raises MienError if the plan cannot be started; a failed sequence becomes a result.
+    """
     _checksum.cache_clear()
-    sequences = _chosen(load_dataset(plan.dataset, plan.root), plan.sequences)
+    sequences = _select(load_dataset(plan.dataset, plan.root), plan.sequences)
     _require_same_dataset(plan)
     require_writable(plan.out / "evaluation.json")
     evaluation = Evaluation(
@@ -75,7 +77,7 @@ def run_plan(
     kinds = {s.name: s.kind for s in sequences}
     tracks = [track_job(plan, t, s) for t in plan.trackers for s in ready]
     run(
-        [job for job in tracks if not _is_kept(job)],
+        [job for job in tracks if not _is_valid(job)],
         jobs,
         on_failure=lambda job, reason: _save_failure(job, kinds[job.sequence], reason),
     )
@@ -84,17 +86,17 @@ def run_plan(
 
 
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
-    """The landmarks of a first frame; the name of their file changes with what they are made from."""
+    """The job that makes the landmarks of a first frame; their file name contains a checksum of their inputs."""
     files = (sequence.video, *(sequence.truth_files if plan.landmarks == "truth" else ()))
-    made_from = _digest([__version__, *(_checksum(f) for f in files)])[:12]
-    file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{made_from}.json"
+    inputs = _digest([__version__, *(_checksum(f) for f in files)])[:12]
+    file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{inputs}.json"
     return Job(
         "landmarks", plan.dataset, str(plan.root), sequence.name, str(file), plan.landmarks, str(file), plan.focal_px
     )
 
 
 def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
-    """A tracker on a sequence, with the settings that tell whether an old result may be kept."""
+    """The job that runs a tracker on a sequence, with the settings that decide whether an old result is still valid."""
     first = first_frame_job(plan, sequence)
     own, file = tracker, file_of(tracker)
     if file and file.is_dir():
@@ -128,12 +130,12 @@ def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
 
 
 def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
-    """For each tracker the first sequences that it has tracked, as many as are to be timed."""
+    """The timing jobs of each tracker: the first sequences that it has tracked, as many as the plan asks for."""
     out = []
     for tracker in plan.trackers:
         if replays(tracker):
             continue
-        tracked = [j for j in tracks if j.label == label(tracker) and _is_kept(j)]
+        tracked = [j for j in tracks if j.label == label(tracker) and _is_valid(j)]
         for job in tracked[: plan.timed]:
             file = timing_path(plan.out, job.label, job.sequence)
             out.append(Job(**{**job.__dict__, "task": "time", "out": str(file)}))
@@ -142,10 +144,10 @@ def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
 
 @cache
 def code_checksum() -> str:
-    """SHA-256 of the parts of mien that a track depends on."""
+    """SHA-256 of the parts of mien on which tracks depend."""
     root = Path(mien.__file__).parent
     files = (p for p in sorted(root.rglob("*")) if p.is_file() and p.suffix not in (".pyc", ".nbi", ".nbc"))
-    used = [p for p in files if p.relative_to(root).parts[0] not in NOT_OF_A_TRACK]
+    used = [p for p in files if p.relative_to(root).parts[0] not in NOT_USED_BY_TRACKERS]
     return _digest([f"{p.relative_to(root)} {_checksum(p)}" for p in used])
 
 
@@ -157,7 +159,7 @@ def _run(
     on_failure: Callable[[Job, str], None] = lambda job, reason: None,
     forked: bool = False,
 ) -> list[tuple[Job, str]]:
-    """Run jobs; those that failed, and why."""
+    """Run jobs; returns those that failed, each with its reason."""
     commands = [_command(job) for job in jobs]
     failed: list[tuple[Job, str]] = []
     started: list[str] = []
@@ -175,7 +177,7 @@ def _run(
 
 
 def _command(job: Job) -> Command | Call:
-    """What a job's process does. A tracker of your own has one in which nothing was imported before."""
+    """The process of a job. Your own tracker gets a new one, in which nothing is imported yet."""
     name = {"landmarks": "first frame", "track": job.label, "time": f"timing {job.label}"}[job.task]
     arguments = (job.to_json(),)
     call = Call(f"{name} · {job.sequence}", "mien.evaluation.job:main", arguments, ONE_THREAD, "mien.worker")
@@ -186,7 +188,7 @@ def _save_failure(job: Job, kind: str, reason: str) -> None:
     SequenceResult(job.label, job.dataset, job.sequence, kind, job.settings, failure=reason).save(Path(job.out))
 
 
-def _is_kept(job: Job) -> bool:
+def _is_valid(job: Job) -> bool:
     try:
         result = SequenceResult.load(Path(job.out))
     except MienError:
@@ -201,13 +203,13 @@ def _is_timed(job: Job) -> bool:
         return False
 
 
-def _chosen(sequences: Sequence[DataSequence], names: Sequence[str]) -> list[DataSequence]:
-    """Those with these names, of which a text may hold several with commas between; all where there is no name."""
+def _select(sequences: Sequence[DataSequence], names: Sequence[str]) -> list[DataSequence]:
+    """The sequences with these names, or all without names; each text may contain several names separated by commas."""
     known = [s.name for s in sequences]
-    asked = [name for text in names for name in names_in(text, known.__contains__)]
-    unknown = [name for name in asked if name not in known]
+    selected = [name for text in names for name in split_names(text, known.__contains__)]
+    unknown = [name for name in selected if name not in known]
     require(not unknown, f"the data set has no sequence {', '.join(unknown)}; it has {', '.join(known)}")
-    return [s for s in sequences if not asked or s.name in asked]
+    return [s for s in sequences if not selected or s.name in selected]
 
 
 def _require_same_dataset(plan: Plan) -> None:
@@ -215,13 +217,13 @@ def _require_same_dataset(plan: Plan) -> None:
         before = Evaluation.load(plan.out).dataset
         require(
             before == plan.dataset,
-            f"{plan.out} holds results of the data set {before}; choose another folder for {plan.dataset}",
+            f"{plan.out} contains results of the data set {before}; choose another folder for {plan.dataset}",
         )
 
 
 @cache
 def _checksum(path: Path) -> str:
-    """Of a file or a folder, read once in a run."""
+    """Checksum of a file or folder, computed once per run."""
     return checksum(path)
 
 

@@ -1,4 +1,4 @@
-"""What `mien evaluate` and `mien report` do."""
+"""The commands `mien evaluate` and `mien report`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mien.errors import MienError
 from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, run_plan
-from mien.evaluation.plan import Plan, is_tracker, names_in
+from mien.evaluation.plan import Plan, is_tracker, split_names
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.evaluation.report import write_report
 from mien.evaluation.scores import Scores, load_scores
@@ -33,15 +33,14 @@ def evaluate(
     quiet: bool = False,
     forked: bool = False,
 ) -> Path:
-    """Run trackers on a data set, continue where an earlier run stopped, and write an HTML report; its path.
+    """Run trackers on a data set, continue where an earlier run stopped, and write an HTML report; returns its path.
 
-    trackers, sequences: their names, in one text or several, with commas between.
+    trackers, sequences: names, as one or more strings, each of which may contain several separated by commas.
 
-    Raises MienError for bad input, and where no tracker has a figure for any sequence.
+    Raises MienError for bad input, or if no tracker has a result for any sequence.
     """
-    plan = Plan(
-        dataset, path, out, _named(trackers), protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed
-    )
+    names = _tracker_names(trackers)
+    plan = Plan(dataset, path, out, names, protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed)
     with progress_bar("reading the data set", quiet) as progress:
         run_plan(plan, jobs, time_limit, progress, forked)
     scores = load_scores(out)
@@ -51,22 +50,22 @@ def evaluate(
         print(f"wrote {written}")
     failed = [s.failure for s in scores.scores if s.failure]
     if len(failed) == len(scores.scores):
-        raise MienError(f"no tracker gave a figure for any sequence; the first reason: {failed[0]}")
+        raise MienError(f"no tracker gave a result for any sequence; the first reason: {failed[0]}")
     return written
 
 
-def _named(trackers: Sequence[str]) -> tuple[str, ...]:
-    """The trackers by name, with commas between in a text; `all` stands for every one that needs no file of its own."""
+def _tracker_names(trackers: Sequence[str]) -> tuple[str, ...]:
+    """The tracker names in these comma-separated strings; `all` stands for all that need no file."""
     every = tuple(name for name in TRACKERS if name != "openface")
-    names = (name for text in trackers for name in names_in(text, is_tracker))
+    names = (name for text in trackers for name in split_names(text, is_tracker))
     return tuple(dict.fromkeys(t for name in names for t in (every if name == "all" else (name,))))
 
 
 def report(directory: Path, form: str = "markdown", protocol: str | None = None) -> Path:
-    """Write the report of a folder of results in a format, and print what was written; its path.
+    """Write the report of a results folder in a format, print its path, and return it.
 
-    protocol: another than the one of the evaluation; tracks are the same in all of them. Raises MienError
-    where there are no results, or the format or the protocol does not exist.
+    protocol: by default that of the evaluation; the tracks are the same for all. Raises MienError if there are no
+    results, or the format or protocol is unknown.
     """
     written = write_report(load_scores(directory, protocol), directory, form)
     print(f"wrote {written}")
@@ -82,7 +81,7 @@ def _print_summary(scores: Scores) -> None:
     console = Console()
     for table in (by_kind(scores), landmarks(scores), failures(scores)):
         if table.rows:
-            # Names that begin alike would be the same where they are cut.
+            # Truncated names with the same beginning would be indistinguishable.
             columns = [Column(name, overflow="fold") for name in table.columns]
             shown = RichTable(*columns, title=table.title, title_justify="left")
             for row in table.rows:

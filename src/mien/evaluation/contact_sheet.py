@@ -1,4 +1,4 @@
-"""A contact sheet of the frames with the largest errors, with mesh, landmarks and truth."""
+"""Contact sheet of the frames with the largest errors, with mesh, landmarks and truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ MESH, ESTIMATE, TRUTH = (255, 220, 120), (120, 255, 90), (60, 60, 255)  # BGR
 
 
 def contact_sheet(scores: Sequence[Score]) -> NDArray[np.uint8] | None:
-    """The frames with the largest errors of all sequences, with mesh, landmarks (green) and truth (red): BGR."""
+    """A BGR image of the frames with the largest errors of all sequences, with mesh, landmarks (green) and truth (red);
+    None without images."""
     worst = sorted(_pictured(scores), key=lambda item: -item[0])[:SHEET_FRAMES]
     if not worst:
         return None
@@ -37,7 +38,7 @@ def _pictured(scores: Sequence[Score]) -> Iterator[tuple[float, Score, int]]:
 
 
 def _tile(score: Score, frame: int, error: float) -> NDArray[np.uint8]:
-    """A square around the face, with what was estimated and what is true."""
+    """A square crop around the face, with estimate and truth."""
     track, truth = score.result.track, score.result.truth
     assert track is not None
     assert truth is not None
@@ -57,7 +58,7 @@ def _tile(score: Score, frame: int, error: float) -> NDArray[np.uint8]:
 
 
 def _around(points: Array, shape: tuple[int, ...]) -> Array:
-    """(2, 3) affine map of a square around these points, or of the whole image without any, to the tile."""
+    """Affine matrix (2, 3) from a square around these points, or from the whole image without any, to the tile."""
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         points = np.array([[0.0, 0.0], [shape[1], shape[0]]])
@@ -67,12 +68,12 @@ def _around(points: Array, shape: tuple[int, ...]) -> Array:
 
 
 def _on_tile(points: Array, A: Array) -> Array:
-    """(n, 2) pixels of the frame -> pixels of the tile."""
+    """Map points (n, 2) from pixels of the frame to pixels of the tile."""
     return np.asarray(points @ A[:, :2].T + A[:, 2])
 
 
 def _draw_mesh(tile: NDArray[np.uint8], vertices: Array) -> None:
-    """The triangles of CANDIDE that face the camera."""
+    """Draw the triangles of CANDIDE that face the camera."""
     for triangle in Candide.default().triangles if len(vertices) else ():
         a, b, c = corners = vertices[triangle]
         facing = (b - a)[0] * (c - a)[1] < (b - a)[1] * (c - a)[0]

@@ -1,4 +1,4 @@
-"""The figures of a report, drawn from results alone."""
+"""The figures of a report, drawn from result files only."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from mien.geometry.rotation import Array
 from mien.output.plots import NORMAL_90
 
 _FEW = 5
-"""Trackers up to which a figure has room for more than one line each."""
+"""Largest number of trackers for which a figure has room for more than one line each."""
 COLOURS = (
     "#2b62ad", "#c44536", "#2e7d4f", "#c9861a", "#7b4fa3", "#3a9bb0",
     "#8a5a44", "#555555", "#d36fa8", "#8c9a2b", "#1b1b1b", "#7fb2e5",
 )  # fmt: skip
 TRUTH_COLOUR = "#222222"
 _ENTRY_INCHES, _LETTER_INCHES, _ROW_INCHES = 0.72, 0.08, 0.22
-"""Room of an entry of a legend beside its letters, of each of these, and of a row of entries."""
+"""Space in a legend for an entry without its text, for a letter, and for a row of entries."""
 PANELS = 24
-"""Sequences on one page of a figure that has a panel for each."""
+"""Number of sequences per page in figures with a panel for each."""
 
 
 def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
-    """Draw every figure that these results fill; title -> file."""
+    """Draw all figures for which there are results; returns title -> file."""
     folder.mkdir(parents=True, exist_ok=True)
-    angles, points = _pages(scores, _compared), _pages(scores, _pointed)
+    angles, points = _pages(scores, _with_pose), _pages(scores, _with_points)
     makers: list[tuple[str, str, list[Figure]]] = [
         (
             "angles",
@@ -64,22 +64,22 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
             number = f"-{page}" if len(figures) > 1 else ""
             out[title + ending] = _save(figure, folder / f"{name}{number}.png")
     for tracker in scores.trackers:
-        sheet = contact_sheet(scores.of(tracker))
+        sheet = contact_sheet(scores.for_tracker(tracker))
         if sheet is not None:
             file = folder / f"worst-{file_name(tracker)}.jpg"
-            with whole_file(file) as beside:
-                beside.write_bytes(cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())
+            with whole_file(file) as temporary:
+                temporary.write_bytes(cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())
             out[f"The worst frames of {tracker}"] = file
     return out
 
 
 def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
-    """For each of these sequences the angles of truth and trackers, with the interval where there is one."""
+    """For each of these sequences, the angles of truth and trackers, with the interval if there is one."""
     figure = _figure(11, 1.9 * len(names))
     axes = figure.subplots(len(names), 3, squeeze=False, sharex="row")
     for row, name in zip(axes, names, strict=True):
         for k, axis in enumerate(row):
-            for i, score in enumerate(_compared(scores, name)):
+            for i, score in enumerate(_with_pose(scores, name)):
                 _plot_angle(axis, score, k, COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)])
                 if i == 0:
                     known = np.flatnonzero(score.compared.known)
@@ -90,7 +90,7 @@ def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     for k, name in enumerate(ANGLE_NAMES):
         axes[0, k].set_title(name, fontsize=10)
         axes[-1, k].set_xlabel("frame")
-    shown = [score for name in names for score in _compared(scores, name)]
+    shown = [score for name in names for score in _with_pose(scores, name)]
     _legend(figure, scores, shown, extra=("truth", TRUTH_COLOUR))
     return figure
 
@@ -101,7 +101,7 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     figure = _figure(11, 2.0 * -(-len(names) // columns) + 0.6)
     axes = figure.subplots(-(-len(names) // columns), columns, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
-        for score in _pointed(scores, name):
+        for score in _with_points(scores, name):
             annotated, rms = _annotated_rms(score)
             colour = COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)]
             axis.plot(annotated, rms, color=colour, linewidth=1.0)
@@ -114,17 +114,17 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
         axis.set_xlabel("frame")
     for axis in axes[: len(names) : columns]:
         axis.set_ylabel("RMS (px)")
-    _legend(figure, scores, [score for name in names for score in _pointed(scores, name)])
+    _legend(figure, scores, [score for name in names for score in _with_points(scores, name)])
     return figure
 
 
 def error_against_head_angle(scores: Scores) -> Figure:
-    """Median rotation error in bins of the head's true rotation, and for few trackers its 90th percentile."""
+    """Median rotation error, binned by the true rotation of the head; with few trackers, also the 90th percentile."""
     figure = _figure(7, 4)
     axis = figure.subplots()
     few = len(scores.trackers) <= _FEW
     for tracker, colour in zip(scores.trackers, _colours(), strict=False):
-        chosen = scores.posed(tracker)
+        chosen = scores.with_pose(tracker)
         if chosen:
             turned = pooled(chosen, lambda s: _head_angle_deg(s)[s.compared.known])
             error = pooled(chosen, lambda s: s.compared.rotation_error_deg[s.compared.known])
@@ -147,12 +147,12 @@ def error_against_head_angle(scores: Scores) -> Figure:
 
 
 def success_against_threshold(scores: Scores) -> Figure:
-    """Share of frames whose root of e_i is at most the threshold."""
+    """Fraction of frames in which the root of e_i is at most the threshold."""
     figure = _figure(7, 4)
     axis = figure.subplots()
     thresholds = np.linspace(0.5, 60, 120)
     for tracker, colour in zip(scores.trackers, _colours(), strict=False):
-        chosen = scores.posed(tracker)
+        chosen = scores.with_pose(tracker)
         if chosen:
             rates = [100 * success_rate(chosen, t) for t in thresholds]
             axis.plot(thresholds, rates, color=colour, label=tracker)
@@ -166,7 +166,7 @@ def success_against_threshold(scores: Scores) -> Figure:
 
 
 def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
-    """How often frames of a confidence are right to 5 degrees, and how many frames have it, by tracker."""
+    """Fraction of frames with an error below 5 degrees, and number of frames, against confidence, by tracker."""
     figure = _figure(6, 5)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)
@@ -186,11 +186,11 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
 
 
 def _reliability(scores: Scores) -> dict[str, metrics.Reliability]:
-    """The reliability of every tracker, that of nothing where it has no poses."""
+    """The reliability of every tracker; empty for a tracker without poses."""
     diagrams = {}
     for tracker in scores.trackers:
         frames = [
-            (s.confidence[s.calibrated], s.compared.rotation_error_deg[s.calibrated]) for s in scores.posed(tracker)
+            (s.confidence[s.calibrated], s.compared.rotation_error_deg[s.calibrated]) for s in scores.with_pose(tracker)
         ]
         confidence, error_deg = np.hstack(frames) if frames else np.empty((2, 0))
         diagrams[tracker] = metrics.reliability(confidence, error_deg)
@@ -208,23 +208,23 @@ def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
 
 
 def _pages(scores: Scores, chosen: Callable[[Scores, str], list[Score]]) -> list[list[str]]:
-    """The names of the sequences that have something to show, in pages."""
+    """The names of the sequences with anything to show, split into pages."""
     names = [n for n in scores.evaluation.sequences if chosen(scores, n)]
     return [names[i : i + PANELS] for i in range(0, len(names), PANELS)]
 
 
-def _compared(scores: Scores, sequence: str) -> list[Score]:
+def _with_pose(scores: Scores, sequence: str) -> list[Score]:
     """The scores of a sequence that have poses."""
     return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.comparison is not None]
 
 
-def _pointed(scores: Scores, sequence: str) -> list[Score]:
+def _with_points(scores: Scores, sequence: str) -> list[Score]:
     """The scores of a sequence that have the twelve points."""
     return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.points is not None]
 
 
 def _annotated_rms(score: Score) -> tuple[NDArray[np.intp], Array]:
-    """The frames that are annotated, and their RMS; NaN where the face was lost."""
+    """The annotated frames, and their RMS; NaN if the face was lost."""
     rms = score.frame_rms_px
     assert rms is not None
     assert score.points is not None
@@ -233,7 +233,7 @@ def _annotated_rms(score: Score) -> tuple[NDArray[np.intp], Array]:
 
 
 def _head_angle_deg(score: Score) -> Array:
-    """(n,) angle of the true rotation since the first frame."""
+    """Angle (n,) of the true rotation since the first frame."""
     truth = score.compared.truth_deg
     order = score.protocol.order
     columns = ["XYZ".index(axis) for axis in order]
@@ -244,7 +244,7 @@ def _head_angle_deg(score: Score) -> Array:
 
 
 def _binned(x: Array, y: Array, width: float = 5.0) -> tuple[Array, Array, Array]:
-    """Centres of the bins that hold at least ten values, median and 90th percentile in them."""
+    """Centres of the bins with at least ten values, and the median and 90th percentile in each."""
     which = (x // width).astype(int)
     filled = [b for b in np.unique(which) if (which == b).sum() >= 10]
     quantiles = np.array([np.percentile(y[which == b], (50, 90)) for b in filled]).reshape(-1, 2)
@@ -258,8 +258,8 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    with whole_file(path) as beside:
-        figure.savefig(beside, dpi=110)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110)
     return path
 
 
@@ -271,7 +271,7 @@ def _tidy(axis: Axes) -> None:
 
 
 def _legend(figure: Figure, scores: Scores, shown: Sequence[Score], extra: tuple[str, str] | None = None) -> None:
-    """The trackers that a figure shows above it, in as many rows as its width asks for."""
+    """Add a legend of the trackers above the figure, in as many rows as its width requires."""
     from matplotlib.lines import Line2D
 
     drawn = {score.result.tracker for score in shown}

@@ -15,7 +15,7 @@ _LATEX |= {"\\": r"\textbackslash{}"}
 
 
 def to_markdown(table: Table) -> str:
-    """A heading, the note, and a table whose columns are padded."""
+    """A heading, the note, and a table with aligned columns."""
     rows = [table.columns, *table.rows]
     rows = [tuple(cell.replace("|", r"\|") for cell in row) for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(table.columns))]
@@ -25,7 +25,7 @@ def to_markdown(table: Table) -> str:
 
 
 def to_latex(table: Table) -> str:
-    """A `table` environment that needs no package."""
+    """A `table` environment that needs no packages."""
     rows = [" & ".join(_latex(c) for c in row) + r" \\" for row in table.rows]
     return "\n".join(
         [
@@ -47,7 +47,7 @@ def to_latex(table: Table) -> str:
 
 
 def to_html(table: Table) -> str:
-    """A section with its heading, note and table."""
+    """A section with a heading, the note and the table."""
     head = "".join(f"<th>{html.escape(c)}</th>" for c in table.columns)
     body = "\n".join("<tr>" + "".join(_html_cell(c) for c in row) + "</tr>" for row in table.rows)
     return (
@@ -57,7 +57,7 @@ def to_html(table: Table) -> str:
 
 
 def to_csv(tables: Iterable[Table]) -> str:
-    """All tables as one, a line a cell, for any program to pivot; a cell without a value is empty."""
+    """All tables in long format, one line per cell, ready to pivot; missing values are empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(("table", "protocol", "row", "tracker", "column", "value"))
@@ -82,6 +82,6 @@ def _html_cell(cell: str) -> str:
 
 
 def _code(escaped: str) -> str:
-    """Text between backquotes as code."""
+    """Mark up text between backquotes as code."""
     parts = escaped.split("`")
     return "".join(f"<code>{p}</code>" if i % 2 else p for i, p in enumerate(parts))

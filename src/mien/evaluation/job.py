@@ -1,7 +1,7 @@
-"""One piece of an evaluation, in a process of its own: `main(JSON)`.
+"""One job of an evaluation, run in a separate process: `main(JSON)`.
 
-A job finds the landmarks of a first frame, tracks a sequence, or times a tracker on it. It writes one file;
-where it cannot, it prints one sentence and ends with status 1.
+A job finds the landmarks of a first frame, tracks a sequence, or times a tracker on it. It writes one file; if it
+fails, it prints one sentence and ends with status 1.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from mien.video import open_video
 
 @dataclass(frozen=True)
 class Job:
-    """What to do, and where to put it.
+    """A task and its output file.
 
-    task: `landmarks`, `track` or `time`; tracker: for `create_tracker`, label: its name in tables; landmarks:
-    the file of the first frame's landmarks; source: where they come from, `detected` or `truth`; focal_px:
-    instead of the data set's; out: the file to write.
+    task: `landmarks`, `track` or `time`; tracker: name for `create_tracker`; label: its name in tables; landmarks: file
+    of the first frame's landmarks; source: their origin, `detected` or `truth`; focal_px: replaces that of the data
+    set; out: the file to write.
     """
 
     task: str
@@ -52,13 +52,13 @@ class Job:
 
 
 def run(job: Job) -> None:
-    """Do it. Raises whatever goes wrong."""
-    tasks: dict[str, Callable[[Job, Sequence], None]] = {"landmarks": _find, "track": _track, "time": _time}
+    """Run a job. Raises any error."""
+    tasks: dict[str, Callable[[Job, Sequence], None]] = {"landmarks": _find_landmarks, "track": _track, "time": _time}
     tasks[job.task](job, _sequence(job))
 
 
 def main(job: str) -> None:
-    """Run a job, given as JSON, and end the process with a sentence and status 1 where it fails."""
+    """Run a job given as JSON; if it fails, end the process with a sentence and status 1."""
     try:
         run(Job(**json.loads(job)))
     except MienError as e:
@@ -77,8 +77,8 @@ def _sequence(job: Job) -> Sequence:
     return sequence if job.focal_px is None else sequence.with_focal(job.focal_px)
 
 
-def _find(job: Job, sequence: Sequence) -> None:
-    """Landmarks of the first frame, from its truth or from the detector."""
+def _find_landmarks(job: Job, sequence: Sequence) -> None:
+    """Write the landmarks of the first frame, from its truth or from the detector."""
     if job.source == "truth":
         truth = sequence.read_truth(count_frames(sequence.video))
         landmarks = truth.first_landmarks(str(sequence.truth_files[0]))

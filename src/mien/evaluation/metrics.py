@@ -1,4 +1,4 @@
-"""The measures, as pure functions of arrays whose rows are frames; a frame without the value is NaN."""
+"""Metrics, as pure functions of arrays with one row per frame; missing values are NaN."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mien.tracking.state import Mask
 
 COVERAGE_LEVELS = (0.50, 0.90, 0.95)
 ANGLE_LEVEL = 0.90
-"""Of the intervals that are looked at angle by angle: too narrow in one and too wide in another look right together."""
+"""Level of the intervals that are checked per angle: too narrow in one and too wide in another would cancel out."""
 
 RIGHT_DEG = 5.0
-"""`Estimate.confidence` is the probability that the rotation is right to this many degrees."""
+"""`Estimate.confidence` is the probability that the rotation error is below this many degrees."""
 
 UNIT_COUNTERPARTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -30,28 +30,28 @@ UNIT_COUNTERPARTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "eyes_closed": {"eyeBlink": 1.0},
     }
 )
-"""Each animation unit, and closing eyes, as a sum of ARKit shapes, left and right averaged."""
+"""Each animation unit, and eye closure, as a sum of ARKit blend shapes, averaged over left and right."""
 
 
 # Pose
 
 
 def mean_absolute_error(error_deg: Array, counted: Mask) -> Array:
-    """(n, 3) degrees -> (3,): E_tilt, E_pan, E_roll over the frames that count; NaN where none does."""
+    """(n, 3) degrees -> (3,): E_tilt, E_pan, E_roll over the frames that count; NaN if there are none."""
     if not counted.any():
         return np.full(3, np.nan)
     return np.asarray(np.abs(error_deg[counted]).mean(axis=0))
 
 
 def success_rate(squared_error: Array, known: Mask, threshold_deg: float) -> float:
-    """P_s: share of the frames with truth whose squared error e_i is at most the threshold squared."""
+    """P_s: fraction of the frames with truth whose squared error e_i is at most the threshold squared."""
     return float(np.mean(squared_error[known] <= threshold_deg**2)) if known.any() else float("nan")
 
 
 def jitter_deg(error_deg: Array, lost: Mask) -> Array:
     """(n, 3) -> (3,): standard deviation of the second difference of the error, e[t-1] - 2 e[t] + e[t+1].
 
-    Only where three tracked frames follow each other. White noise of deviation s gives sqrt(6) s.
+    Only over three consecutive tracked frames. White noise with standard deviation s gives sqrt(6) s.
     """
     e = np.where(lost[:, None], np.nan, error_deg)
     second = e[:-2] - 2 * e[1:-1] + e[2:]
@@ -63,14 +63,14 @@ def jitter_deg(error_deg: Array, lost: Mask) -> Array:
 
 
 def landmark_rms(estimate: Array, truth: Array) -> Array:
-    """(n, k, 2), (n, k, 2) pixels -> (n,): root of the mean squared distance of the points of each frame."""
+    """(n, k, 2), (n, k, 2) pixels -> (n,): root mean square distance of the points in each frame."""
     return np.asarray(np.sqrt(((estimate - truth) ** 2).sum(axis=-1).mean(axis=-1)))
 
 
 def without_offset(estimate: Array, truth: Array) -> Array:
-    """The estimate less each point's offset from the truth in the first frame that has both.
+    """The estimate minus each point's offset from the truth in the first frame that has both; (n, k, 2) pixels.
 
-    Two definitions of a landmark differ by a few pixels that are no error of the tracking. (n, k, 2) pixels.
+    Definitions of a landmark differ by a few pixels, which are not a tracking error.
     """
     both = np.isfinite(estimate).all(axis=(1, 2)) & np.isfinite(truth).all(axis=(1, 2))
     if not both.any():
@@ -80,7 +80,7 @@ def without_offset(estimate: Array, truth: Array) -> Array:
 
 
 def root_mean_square(values: Array) -> float:
-    """Root of the mean square of what is finite; NaN where nothing is."""
+    """Root mean square of the finite values; NaN if there are none."""
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan")
 
@@ -89,7 +89,7 @@ def root_mean_square(values: Array) -> float:
 
 
 def counterpart(unit: str, expression: Array, names: tuple[str, ...]) -> Array | None:
-    """(n,) the ARKit movement that an animation unit stands for; None where no shape of it is known."""
+    """The ARKit movement (n,) that corresponds to an animation unit; None if the truth has none of its shapes."""
     total = None
     for shape, sign in UNIT_COUNTERPARTS.get(unit, {}).items():
         columns = [i for i, n in enumerate(names) if n == shape or n.removesuffix("_L").removesuffix("_R") == shape]
@@ -100,7 +100,7 @@ def counterpart(unit: str, expression: Array, names: tuple[str, ...]) -> Array |
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Pearson's correlation over the frames that have both; NaN where one of them does not move."""
+    """Pearson correlation over the frames that have both; NaN if one of them is constant."""
     both = np.isfinite(a) & np.isfinite(b)
     a, b = a[both], b[both]
     if len(a) < 3 or np.ptp(a) < 1e-9 or np.ptp(b) < 1e-9:
@@ -109,7 +109,7 @@ def correlation(a: Array, b: Array) -> float:
 
 
 def false_movement(expression: Array) -> Array:
-    """(n, m) units under pose alone -> (m,): largest distance of each from its value in the first frame that has it."""
+    """(n, m) units without expression -> (m,): largest deviation of each from its value in its first known frame."""
     known = (unit[np.isfinite(unit)] for unit in expression.T)
     return np.array([np.abs(unit - unit[0]).max() if len(unit) else np.nan for unit in known])
 
@@ -118,9 +118,9 @@ def false_movement(expression: Array) -> Array:
 
 
 def coverage(error: Array, sd: Array, level: float) -> float:
-    """Share of errors inside the central interval of this level, for Gaussian errors of deviation sd.
+    """Fraction of errors inside the central interval of this level, for Gaussian errors with standard deviation sd.
 
-    Entries without both are left out; NaN where none is left.
+    Entries that lack either are excluded; NaN if none remain.
     """
     both = np.isfinite(error) & np.isfinite(sd) & (sd > 0)
     if not both.any():
@@ -132,7 +132,7 @@ def coverage(error: Array, sd: Array, level: float) -> float:
 def normalised_error_squared(error: Array, covariance: Array) -> Array:
     """(n, d), (n, d, d) -> (n,): `e^T C^-1 e / d`, whose mean is 1 for a calibrated tracker.
 
-    NaN where the covariance is missing or singular.
+    NaN if the covariance is missing or singular.
     """
     out = np.full(len(error), np.nan)
     for i in np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(error).all(axis=1)):
@@ -143,11 +143,10 @@ def normalised_error_squared(error: Array, covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class Reliability:
-    """A reliability diagram: of the frames of each bin of confidence, how many were right.
+    """A reliability diagram: the fraction of correct frames in each confidence bin.
 
-    edges: (b + 1,); confidence: (b,) mean in the bin; right: (b,) share with an error below `RIGHT_DEG`;
-    count: (b,). Empty bins are NaN. gap: expected calibration error, the mean of |right - confidence| over
-    frames.
+    edges: (b + 1,); confidence: (b,) mean in the bin; right: (b,) fraction with an error below `RIGHT_DEG`;
+    count: (b,). Empty bins are NaN. gap: expected calibration error, the mean of |right - confidence| over frames.
     """
 
     edges: Array
@@ -158,7 +157,7 @@ class Reliability:
 
 
 def reliability(confidence: Array, rotation_error_deg: Array, bins: int = 10) -> Reliability:
-    """Confidence (n,) against the truth of "the rotation error is below 5 degrees", binned."""
+    """Bin the confidence (n,), and compare it with the fraction of frames whose rotation error is below 5 degrees."""
     both = np.isfinite(confidence) & np.isfinite(rotation_error_deg)
     c, right = confidence[both], rotation_error_deg[both] < RIGHT_DEG
     edges = np.linspace(0.0, 1.0, bins + 1)

@@ -1,4 +1,4 @@
-"""What to evaluate, and what a folder of results says of itself."""
+"""What to evaluate, and the description of a results folder."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ LANDMARK_SOURCES = ("detected", "truth")
 class Plan:
     """What to evaluate.
 
-    dataset, root: the data set and its folder; out: the folder for results; trackers: for `create_tracker`,
-    OpenFace's as `openface:PATH`; protocol: the name of one; landmarks: one of `LANDMARK_SOURCES`; focal_px:
-    instead of the data set's; lost_deg: threshold of the protocol `paper`; sequences: the names of those to
-    take, in one text or several, with commas between, all where empty; timed: on how many sequences each
-    tracker's cost is measured.
+    dataset, root: the data set and its folder; out: the results folder; trackers: names for `create_tracker`,
+    OpenFace's as `openface:PATH`; protocol: its name; landmarks: one of `LANDMARK_SOURCES`; focal_px: replaces that of
+    the data set; lost_deg: threshold of the protocol `paper`; sequences: their names, as strings that may contain
+    several separated by commas, or empty for all; timed: number of sequences on which the cost of each tracker is
+    measured.
     """
 
     dataset: str
@@ -63,7 +63,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What `evaluation.json` says of a folder of results: the data set, the protocol, what belongs to it."""
+    """The content of `evaluation.json` in a results folder: data set, protocol, trackers and sequences."""
 
     dataset: str
     protocol: str
@@ -81,25 +81,25 @@ class Evaluation:
         return tuple(dict.fromkeys(self.kinds_of_sequences))
 
     def save(self, out: Path) -> None:
-        """Write it, whole or not at all."""
-        with whole_file(_file(out)) as beside:
-            beside.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        """Write it to a results folder, atomically."""
+        with whole_file(_file(out)) as temporary:
+            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, out: Path) -> Evaluation:
-        """Raises MienError where the folder holds no evaluation."""
+        """Read it from a results folder. Raises MienError if there is none."""
         path = _file(out)
-        require(path.is_file(), f"{out} holds no results; make them with mien evaluate DATASET PATH -o {out}")
+        require(path.is_file(), f"{out} contains no results; create them with mien evaluate DATASET PATH -o {out}")
         try:
             values: Any = json.loads(path.read_text(encoding="utf-8"))
             members: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
             return cls(**members)
         except (ValueError, TypeError) as e:
-            raise MienError(f"{path} is not of this version of mien ({e}); evaluate into another folder") from e
+            raise MienError(f"{path} is not from this version of mien ({e}); evaluate into another folder") from e
 
 
-def names_in(text: str, is_known: Callable[[str], bool]) -> list[str]:
-    """The names in a text with commas between; a known name that has commas itself is one, and the longest first."""
+def split_names(text: str, is_known: Callable[[str], bool]) -> list[str]:
+    """Split a text at commas into names; a known name may itself contain commas, and the longest match wins."""
     parts, names = text.split(","), list[str]()
     while parts:
         heads = {",".join(parts[:count]).strip(): count for count in range(len(parts), 0, -1)}
@@ -110,39 +110,39 @@ def names_in(text: str, is_known: Callable[[str], bool]) -> list[str]:
 
 
 def is_tracker(name: str) -> bool:
-    """Whether this is a tracker by its name alone, or one with a file, or folder, that exists."""
+    """Whether this is the name of a tracker, or one with a file or folder that exists."""
     file = file_of(name)
-    return name in TRACKERS if file is None else os.path.exists(file)  # other than Path's, also of too long a name
+    return name in TRACKERS if file is None else os.path.exists(file)  # unlike Path.exists, accepts overlong names
 
 
 def label(tracker: str) -> str:
-    """A tracker's name in tables: of `openface:PATH` only the last part of the path."""
+    """The name of a tracker in tables: for NAME:PATH, with only the last component of the path."""
     file = file_of(tracker)
     return tracker if file is None else f"{tracker.partition(':')[0]}:{file.name}"
 
 
 def replays(tracker: str) -> bool:
-    """Whether it reads what was computed elsewhere, so that its time says nothing."""
+    """Whether the tracker only reads results computed elsewhere, so that timing it is meaningless."""
     return tracker.partition(":")[0] == "openface"
 
 
 def result_path(out: Path, tracker: str, sequence: str) -> Path:
-    """Where the result of a tracker (its label) on a sequence is."""
+    """Path of the result of a tracker (its label) on a sequence."""
     return out / "tracks" / file_name(tracker) / f"{sequence}.npz"
 
 
 def timing_path(out: Path, tracker: str, sequence: str) -> Path:
-    """Where the timing of a tracker (its label) on a sequence is."""
+    """Path of the timing of a tracker (its label) on a sequence."""
     return out / "timing" / file_name(tracker) / f"{sequence}.json"
 
 
 def file_name(tracker: str) -> str:
-    """A tracker's label as part of a path."""
+    """The label of a tracker as a path component."""
     return re.sub(r"[^\w.-]+", "-", tracker)
 
 
 def command_of(plan: Plan) -> str:
-    """The command line that makes the same results."""
+    """The command line that reproduces the results."""
     words = ["mien evaluate", plan.dataset, str(plan.root), f"--trackers {','.join(plan.trackers)}"]
     words.append(f"--protocol {plan.protocol}")
     words += [f"--landmarks {plan.landmarks}"] if plan.landmarks != "detected" else []
@@ -158,7 +158,7 @@ def _file(out: Path) -> Path:
 
 
 def _require_known(tracker: str) -> None:
-    """Refuse a name that no tracker has, before anything runs."""
+    """Raise MienError for an unknown tracker before anything runs."""
     name, _, argument = tracker.partition(":")
     require(
         name in TRACKERS or bool(argument),
@@ -167,8 +167,8 @@ def _require_known(tracker: str) -> None:
     if name == "openface":
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
         require(Path(argument).exists(), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
-    argument_of(tracker)  # settings that are wrong are told now, and not of every sequence
+    argument_of(tracker)  # report invalid settings once, now, and not for every sequence
     require(
         name in TRACKERS or code_of(tracker) is not None,
-        f"{tracker}: there is no module {name} here; give MODULE:CLASS of a file that Python finds",
+        f"{tracker}: there is no module {name} here; give the MODULE:CLASS of a file that Python can import",
     )

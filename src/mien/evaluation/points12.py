@@ -9,8 +9,8 @@
 | right and left corner of the mouth | 48, 54 | 61, 291 |
 | middle of the outer upper and lower lip | 51, 57 | 0, 17 |
 
-The figure shows the points and no numbers; these twelve are those of its picture that both annotations
-define. "Right" is the subject's.
+The figure shows the points without numbers; these twelve are those that both annotations define. "Right" is the
+subject's right.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ POINT_NAMES = (
 
 
 TWELVE = "points12"
-"""Scheme of an annotation that holds these twelve points and nothing else."""
+"""Scheme of an annotation with exactly these twelve points."""
 
 
 def points_of_names(points: Array, names: tuple[str, ...]) -> Array | None:
-    """(n, k, 2) with k names -> (n, 12, 2); None where one of the twelve is not among them."""
+    """(n, k, 2) with k names -> (n, 12, 2); None if one of the twelve is missing."""
     if any(name not in names for name in POINT_NAMES):
         return None
     return points[:, [names.index(name) for name in POINT_NAMES]]
 
 
 def points_of_scheme(points: Array, scheme: str) -> Array:
-    """(n, k, 2) of a scheme of landmarks -> (n, 12, 2)."""
+    """(n, k, 2) in a landmark scheme -> (n, 12, 2)."""
     if scheme == TWELVE:
         return points
     rows = rows_told(scheme)
@@ -56,11 +56,11 @@ def points_of_scheme(points: Array, scheme: str) -> Array:
 
 
 def names_of_scheme(scheme: str, count: int) -> tuple[str, ...]:
-    """A name for each of the points of a scheme: that of the landmark of CANDIDE, or its number."""
+    """The name of each point of a scheme: that of the CANDIDE landmark, or its number."""
     names = {int(a): name for name, (a, b) in rows_by_name(scheme).items() if a == b}
     return tuple(names.get(i, f"{scheme}_{i}") for i in range(count))
 
 
 def outer_eye_distance(points12: Array) -> Array:
-    """(n, 12, 2) -> (n,) pixels between the outer corners of the eyes."""
+    """(n, 12, 2) -> (n,): distance between the outer corners of the eyes in pixels."""
     return np.asarray(np.linalg.norm(points12[:, 0] - points12[:, 3], axis=-1))

@@ -1,9 +1,9 @@
-"""Tables of poses and landmarks in OpenFace's columns, from OpenFace, from mien, or made by hand.
+"""Read poses and landmarks from CSV files with OpenFace's columns: by OpenFace, by mien, or made by hand.
 
-Columns, all of them optional but one of pose or landmarks: `frame`, `face_id`, `timestamp` (s), `confidence`,
-`success`; `pose_Rx, pose_Ry, pose_Rz` (radians, `R = Rx Ry Rz` in camera axes, zero when facing the camera);
-`pose_Tx..` (mm); `x_0.., y_0..` pixels of 68 (iBUG) or 26 (CANDIDE) landmarks; mien's units by name, `eyes_closed`
-and `eyes_closed_sd`. OpenFace puts a space before most names and values.
+The columns are all optional, except that there must be a pose or landmarks: `frame`, `face_id`, `timestamp` (s),
+`confidence`, `success`; `pose_Rx, pose_Ry, pose_Rz` (radians, `R = Rx Ry Rz` in camera axes, zero when facing the
+camera); `pose_Tx..` (mm); `x_0.., y_0..` pixels of 68 (iBUG) or 26 (CANDIDE) landmarks; mien's animation units by name,
+`eyes_closed` and `eyes_closed_sd`. OpenFace puts a space before most names and values.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 
 @dataclass(frozen=True)
 class PoseTable:
-    """One face's rows of a CSV. What has no column is None; a row whose `success` is 0 is not `tracked`.
+    """The rows of one face in a CSV. Missing columns are None; a row whose `success` is 0 is not `tracked`.
 
-    frame: (n,) as the file numbers them, or the number of the row where it does not (numbered is False);
-    from_zero: whether the first frame is 0, as in mien's files, or 1, as in OpenFace's; rotation: (n, 3, 3)
-    head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6);
-    eyes_closed: (n, 2) how far the eyes have closed, and its standard deviation, each NaN where it is not known.
+    frame: (n,) as numbered in the file, or the row number if it has no numbers (numbered is False); from_zero: whether
+    the first frame is 0, as in mien's files, or 1, as in OpenFace's; rotation: (n, 3, 3) head -> camera;
+    translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6); eyes_closed: (n, 2) eye closure and its
+    standard deviation, each NaN if unknown.
     """
 
     source: Path
@@ -63,7 +63,7 @@ class PoseTable:
 
 
 def read_pose_csv(path: Path) -> PoseTable:
-    """The first face of a CSV. Raises MienError where it is no such table, or a number in it is none."""
+    """Read the first face of a CSV. Raises MienError if it is not such a table, or a value is not a number."""
     rows = _rows(path)
     names = list(rows[0])
     count = sum(1 for n in names if n.startswith("x_") and n[2:].isdecimal())
@@ -86,7 +86,7 @@ def read_pose_csv(path: Path) -> PoseTable:
         require(
             len(bad) == 0,
             f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
-            "correct it, or leave the row out",
+            "correct it, or delete the row",
         )
     return PoseTable(
         path,
@@ -108,8 +108,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
     try:
         rows = list(csv_rows(path))
     except (UnicodeDecodeError, csv.Error) as e:
-        raise MienError(f"{path} is not a CSV that can be read ({e})") from e
-    require(bool(rows), f"{path} holds no row; it needs one for every frame")
+        raise MienError(f"{path} is not a readable CSV ({e}); write the file again") from e
+    require(bool(rows), f"{path} has no rows; it needs one for every frame")
     faces = [row.get("face_id", "0") for row in rows]
     return [row for row, face in zip(rows, faces, strict=True) if face == faces[0]]
 
@@ -121,7 +121,7 @@ def _column(path: Path, rows: Sequence[dict[str, str]], name: str, default: floa
 
 
 def _columns(path: Path, rows: Sequence[dict[str, str]], names: Sequence[str]) -> Array:
-    """(n, k) numbers; an empty cell is NaN."""
+    """The numbers (n, k) of these columns; empty cells are NaN."""
     missing = [n for n in names if n not in rows[0]]
     require(not missing, f"{path} lacks the column {missing[0] if missing else ''}; write the file again")
     try:
@@ -131,7 +131,7 @@ def _columns(path: Path, rows: Sequence[dict[str, str]], names: Sequence[str]) -
 
 
 def _rows_without(values: Array | None, wanted: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Rows that should hold finite numbers and do not."""
+    """The wanted rows whose values are not all finite."""
     if values is None:
         return np.empty(0, dtype=np.intp)
     return np.flatnonzero(wanted & ~np.isfinite(values).all(axis=1))

@@ -1,9 +1,8 @@
-"""How a track is compared with the truth: which angles, relative to what, with which frames.
+"""Protocols that compare a track with the truth: which angles, relative to what, over which frames.
 
-Every protocol compares the rotation since the first frame that has truth, because a tracker starts there and
-the axes of a sensor are not those of the camera. Angles are tilt (about x), pan (about y) and roll (about z)
-of head axes, in degrees; the signs of pan and roll are thus the opposite of OpenFace's and the absolute
-errors the same.
+Every protocol compares the rotation since the first frame with truth, because a tracker starts there and the axes of a
+sensor are not those of the camera. Angles are tilt (about x), pan (about y) and roll (about z) in head axes, in
+degrees; so the signs of pan and roll are opposite to OpenFace's, and the absolute errors are the same.
 
 | protocol | relative rotation | angles of | frames that count |
 |---|---|---|---|
@@ -11,9 +10,9 @@ errors the same.
 | `sensor` | `R_t R_0^T` | `Ry Rx Rz` | all; a lost frame holds the last rotation |
 | `paper` | `R_0^T R_t` | `Rx Ry Rz` | the tracked ones: `e_i` of the paper at most the threshold |
 
-`rebased` is the published OpenFace evaluation of BUFT. `sensor` is the other reading of the undocumented
-`.dat`. Where the truth is a file of angles, the order of the protocol is the order in which they are read;
-exact rotations need no reading.
+`rebased` is the published OpenFace evaluation of BUFT. `sensor` is the other interpretation of the undocumented
+`.dat`. If the truth is a file of angles, they are composed in the order of the protocol; exact rotations need no such
+convention.
 """
 
 from __future__ import annotations
@@ -33,14 +32,14 @@ from mien.tracking.state import Mask
 ANGLE_NAMES = ("tilt", "pan", "roll")
 
 DEFAULT_LOST_DEG = 30.0
-"""A frame is lost in the protocol `paper` when the root of its error e_i exceeds this many degrees.
+"""In the protocol `paper`, a frame is lost if the root of its error e_i exceeds this many degrees.
 
-The paper prints no threshold. 30 degrees is where a track no longer says which way the face looks, and the
-curve of P_s against the threshold is part of every report."""
+The paper gives no threshold. Beyond 30 degrees a track no longer indicates which way the face looks; every report
+includes the curve of P_s against the threshold."""
 
 
 class Protocol(str, Enum):
-    """A way to compare, named in every table."""
+    """An evaluation protocol, named in every table."""
 
     PAPER = "paper"
     REBASED = "rebased"
@@ -48,17 +47,17 @@ class Protocol(str, Enum):
 
     @property
     def order(self) -> str:
-        """Order of the intrinsic rotations, in SciPy's letters."""
+        """Order of the intrinsic rotations, in SciPy's notation."""
         return "YXZ" if self is Protocol.SENSOR else "XYZ"
 
     @property
     def in_head_axes(self) -> bool:
-        """Whether rotations are those of axes that the tracker gives the head; `sensor` has the camera's."""
+        """Whether rotations are expressed in the head axes of the tracker; `sensor` uses axes fixed to the camera."""
         return self is not Protocol.SENSOR
 
 
 def protocol_named(name: str) -> Protocol:
-    """The protocol of this name. Raises MienError with those that exist."""
+    """The protocol with this name. Raises MienError for an unknown name, listing the known ones."""
     names = [p.value for p in Protocol]
     require(name in names, f"unknown protocol {name!r}; the protocols are {', '.join(names)}")
     return Protocol(name)
@@ -68,10 +67,10 @@ def protocol_named(name: str) -> Protocol:
 class Comparison:
     """Truth and estimate of n frames in the angles of one protocol.
 
-    truth_deg, estimate_deg: (n, 3) tilt, pan, roll since the first frame, the estimate held where it was
-    lost; rotation_error_deg: (n,) angle between the two rotations; lost: (n,) frames in which the tracker
-    gave no pose; sd_deg: (n, 3) and covariance_deg2: (n, 3, 3) of the estimate's angles, NaN where it gave
-    none. Rows without truth are NaN throughout.
+    truth_deg, estimate_deg: (n, 3) tilt, pan, roll since the first frame, with the last estimate held in lost frames;
+    rotation_error_deg: (n,) angle between the two rotations; lost: (n,) frames in which the tracker gave no pose;
+    sd_deg: (n, 3) and covariance_deg2: (n, 3, 3) of the estimated angles, NaN if not given. All values are NaN in
+    frames without truth.
     """
 
     protocol: Protocol
@@ -88,9 +87,9 @@ class Comparison:
 
     @cached_property
     def aligned_error_deg(self) -> Array:
-        """(n, 3) the same with the head's axes, which no tracker can know exactly, turned as near to the true ones as
-        the rotations show them: one rotation for all frames, fitted to the frames that are not lost. At best, as it
-        takes a part of every other error away, the larger the less the head turns."""
+        """(n, 3) the same after aligning the head axes, which no tracker can know exactly, to the true ones: by one
+        rotation for all frames, fitted to those that are not lost. This is a lower bound, as the fit also removes part
+        of the other errors, the more the less the head turns."""
         seen = self.known & ~self.lost
         if not seen.any():
             return np.full_like(self.error_deg, np.nan)
@@ -103,7 +102,7 @@ class Comparison:
 
     @property
     def sd_deg(self) -> Array:
-        """(n, 3) standard deviations of the estimate's angles."""
+        """(n, 3) standard deviations of the estimated angles."""
         return np.sqrt(np.diagonal(self.covariance_deg2, axis1=1, axis2=2))
 
     @property
@@ -113,7 +112,7 @@ class Comparison:
 
     @property
     def squared_error(self) -> Array:
-        """(n,) e_i of the paper, degrees squared; infinite where the tracker gave no pose."""
+        """(n,) e_i of the paper, degrees squared; infinite if the tracker gave no pose."""
         e = (self.error_deg**2).sum(axis=1)
         return np.where(self.lost, np.inf, e)
 
@@ -127,13 +126,12 @@ class Comparison:
 
 
 def compare(protocol: Protocol, truth: Truth, rotations: Array, covariance: Array | None = None) -> Comparison:
-    """A track in the angles of a protocol beside its truth.
+    """Compare a track with its truth, in the angles of a protocol.
 
-    rotations: (n, 3, 3) head -> camera, NaN where lost; covariance: (n, 3, 3) of the rotation vector in
-    camera axes (radians squared). Raises MienError where truth or track have no pose, or the track none in
-    the first frame.
+    rotations: (n, 3, 3) head -> camera, NaN where lost; covariance: (n, 3, 3) of the rotation vector in camera axes
+    (radians squared). Raises MienError if truth or track have no pose, or the track has none in the first frame.
     """
-    require(truth.has_pose, "the sequence has no truth of the pose; only its landmarks can be compared")
+    require(truth.has_pose, "the sequence has no true pose; only its landmarks can be compared")
     require(len(rotations) == truth.frames, f"the track has {len(rotations)} frames and the truth {truth.frames}")
     true_R = truth_rotations(protocol, truth)
     known = np.isfinite(true_R).all(axis=(1, 2))
@@ -142,7 +140,7 @@ def compare(protocol: Protocol, truth: Truth, rotations: Array, covariance: Arra
     held = hold(rotations)
     first = int(np.argmax(known))
     if not np.isfinite(held[first]).all():
-        raise MienError("the tracker gave no pose in the first frame, from which every protocol measures")
+        raise MienError("the tracker gave no pose in the first frame, which is the reference of every protocol")
     A_true, A = relative(protocol, true_R, first), relative(protocol, held, first)
     return Comparison(
         protocol,
@@ -155,7 +153,7 @@ def compare(protocol: Protocol, truth: Truth, rotations: Array, covariance: Arra
 
 
 def truth_rotations(protocol: Protocol, truth: Truth) -> Array:
-    """(n, 3, 3) head -> camera: exact, or the sensor's angles read in the order of the protocol."""
+    """(n, 3, 3) head -> camera: exact rotations, or the sensor's angles composed in the order of the protocol."""
     if truth.rotations is not None:
         return truth.rotations
     assert truth.angles_deg is not None
@@ -166,14 +164,14 @@ def truth_rotations(protocol: Protocol, truth: Truth) -> Array:
 
 
 def relative(protocol: Protocol, rotations: Array, first: int = 0) -> Array:
-    """(n, 3, 3) rotations since the first frame, in head axes; `sensor` has axes that stay with the camera."""
+    """(n, 3, 3) rotations since the first frame, in head axes; for `sensor`, in axes fixed to the camera."""
     if protocol.in_head_axes:
         return np.asarray(rotations[first].T @ rotations)
     return np.asarray(FACING @ rotations @ rotations[first].T @ FACING)
 
 
 def hold(rotations: Array) -> Array:
-    """(n, 3, 3) with every lost row replaced by the last one known before it."""
+    """(n, 3, 3) with every lost row replaced by the last known one."""
     known = np.isfinite(rotations).all(axis=(1, 2))
     last = np.maximum.accumulate(np.where(known, np.arange(len(rotations)), -1))
     return np.where((last >= 0)[:, None, None], rotations[np.maximum(last, 0)], np.nan)
@@ -195,14 +193,14 @@ def angles_deg(rotations: Array, order: str) -> Array:
 
 
 def wrap_deg(angles: Array) -> Array:
-    """Angles brought to [-180, 180)."""
+    """Wrap angles to the half-open interval [-180, 180)."""
     return np.asarray((angles + 180.0) % 360.0 - 180.0)
 
 
 def _angle_covariance(protocol: Protocol, A: Array, R_first: Array, covariance: Array) -> Array:
-    """(n, 3, 3) degrees squared: covariance of the protocol's angles from that of the rotation vector.
+    """(n, 3, 3) degrees squared: covariance of the protocol's angles, propagated from that of the rotation vector.
 
-    The reported uncertainty is taken as that of the rotation since the first frame.
+    The reported uncertainty is interpreted as that of the rotation since the first frame.
     """
     to_relative = FACING if protocol is Protocol.SENSOR else R_first.T
     J = _angle_jacobian(A, protocol.order) @ to_relative

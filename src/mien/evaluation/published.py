@@ -1,4 +1,4 @@
-"""Figures that others have published."""
+"""Published results of other methods."""
 
 TABLE_1 = (
     ("La Cascia et al., 2000", "75", "5.3", "5.6", "3.8", "3.9"),

@@ -1,4 +1,4 @@
-"""A report of a folder of results: Markdown, LaTeX, CSV, or one HTML file that needs no other."""
+"""The report of a results folder: Markdown, LaTeX, CSV, or one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg"}
 
 
 def write_report(scores: Scores, out: Path, form: str) -> Path:
-    """Write the report of these scores into their folder in a format of `FORMATS`; its path."""
+    """Write the report of these scores to their folder, in a format of `FORMATS`; returns its path."""
     require(form in FORMATS, f"unknown format {form!r}; the formats are {', '.join(FORMATS)}")
     ending, make = FORMATS[form]
     path = out / f"report.{ending}"
     text = make(scores, out)
-    with whole_file(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 
@@ -75,7 +75,7 @@ FORMATS: dict[str, tuple[str, Callable[[Scores, Path], str]]] = {
     "csv": ("csv", _csv),
     "html": ("html", _html),
 }
-"""Name of a format -> the ending of its file, what makes it."""
+"""Name of a format -> suffix of its file, function that writes it."""
 
 
 def _title(scores: Scores) -> str:
@@ -83,7 +83,7 @@ def _title(scores: Scores) -> str:
 
 
 def _about(scores: Scores) -> list[str]:
-    """The command, and what all figures have in common."""
+    """The command line, and what all numbers have in common."""
     e = scores.evaluation
     return [
         f"`{e.command}`",

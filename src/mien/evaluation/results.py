@@ -1,4 +1,4 @@
-"""What a run leaves behind: one `.npz` a tracker and sequence, the only thing that a report reads."""
+"""The result files of a run: one `.npz` per tracker and sequence, the only input of a report."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from mien.files import whole_file
 from mien.geometry.rotation import Array
 from mien.tracking.state import EXPRESSION_NAMES, Estimate, Mask, Status
 
-REMEDY = "run mien evaluate again, which makes it anew"
-"""Of a file that is damaged, or of another version."""
+REMEDY = "run mien evaluate again, which replaces it"
+"""For a file that is damaged, or from another version."""
 
 
 @dataclass(frozen=True)
 class TrackTable:
-    """A tracker's estimates of n frames as arrays; NaN where it gave nothing.
+    """A tracker's estimates of n frames as arrays; missing values are NaN.
 
     time: (n,) seconds; status: (n,) values of `Status`; rotation: (n, 3, 3) head -> camera;
     rotation_covariance: (n, 3, 3) of the rotation vector in camera axes; expression: (n, 7); confidence: (n,);
-    landmarks: (n, k, 2) pixels with k names; reasons: (n,) why a frame was lost.
+    landmarks: (n, k, 2) pixels, with k names; reasons: (n,) why a frame is lost.
     """
 
     time: Array
@@ -50,12 +50,12 @@ class TrackTable:
 
     @property
     def landmarks_alone(self) -> bool:
-        """Whether the tracker saw faces and gave no pose for any."""
+        """Whether the tracker found faces, but gave no pose for any."""
         return not self.lost.all() and not bool(np.isfinite(self.rotation).any())
 
     @classmethod
-    def of(cls, estimates: Sequence[Estimate]) -> TrackTable:
-        """The arrays of a list of estimates, one a frame."""
+    def from_estimates(cls, estimates: Sequence[Estimate]) -> TrackTable:
+        """The arrays of these estimates, one per frame."""
         names = next((e.landmarks.names for e in estimates if e.landmarks is not None), ())
         return cls(
             time=np.array([e.time for e in estimates]),
@@ -74,11 +74,11 @@ class TrackTable:
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """One tracker on one sequence: its track and the truth, or why there is none.
+    """One tracker on one sequence: its track and the truth, or the reason for a failure.
 
-    settings: what the run was made with, from which a later run sees whether it may be kept;
-    tracker_settings: the tracker's own; pictures: JPEG images of the frames with the largest errors, by
-    frame; meshes: (V, 2) pixels of the vertices of CANDIDE in these frames, of a tracker that has them.
+    settings: those of the run, by which a later run decides whether the result is still valid; tracker_settings: those
+    of the tracker; pictures: JPEG images of the frames with the largest errors, by frame; meshes: (V, 2) pixels of the
+    vertices of CANDIDE in these frames, if the tracker has them.
     """
 
     tracker: str
@@ -94,7 +94,7 @@ class SequenceResult:
     meshes: Mapping[int, Array] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
-        """Write the result, whole or not at all."""
+        """Write the result, atomically."""
         meta = {k: getattr(self, k) for k in ("tracker", "dataset", "sequence", "kind", "failure")}
         meta |= {"settings": dict(self.settings), "tracker_settings": dict(self.tracker_settings)}
         arrays: dict[str, Any] = {"meta": json.dumps(meta)}
@@ -102,12 +102,12 @@ class SequenceResult:
         arrays |= {f"picture.{frame}": jpeg for frame, jpeg in self.pictures.items()}
         arrays |= {f"mesh.{frame}": np.asarray(points, np.float32) for frame, points in self.meshes.items()}
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside, beside.open("wb") as f:
+        with whole_file(path) as temporary, temporary.open("wb") as f:
             np.savez_compressed(f, **arrays)
 
     @classmethod
     def load(cls, path: Path) -> SequenceResult:
-        """Read a result. Raises MienError where the file is not one."""
+        """Read a result. Raises MienError if the file is not one."""
         try:
             with path.open("rb") as stream, np.load(stream) as file:
                 values = {name: file[name] for name in file.files}
@@ -119,17 +119,17 @@ class SequenceResult:
                 pictures=_by_frame("picture", values),
                 meshes=_by_frame("mesh", values),
             )
-        except Exception as e:  # a damaged file makes NumPy, zip and zlib raise errors of many kinds
+        except Exception as e:  # for a damaged file, NumPy, zip and zlib raise errors of many types
             raise MienError(f"{path} is damaged or not a result of this version ({e}); {REMEDY}") from e
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The cost of one tracker on one sequence, from a run of its own.
+    """The cost of one tracker on one sequence, from a separate run.
 
-    frame_seconds: of `track`, without decoding, one a frame after the first; training_seconds: of
-    `initialize`; peak_mb: largest resident memory of the process, with interpreter and libraries; threads:
-    what it could use.
+    frame_seconds: duration of `track` for each frame after the first, without decoding; training_seconds: duration of
+    `initialize`; peak_mb: peak resident memory of the process, including interpreter and libraries; threads: number
+    available.
     """
 
     tracker: str
@@ -146,12 +146,12 @@ class Timing:
 
     def save(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as beside:
-            beside.write_text(json.dumps(self.__dict__, indent=1), encoding="utf-8")
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(self.__dict__, indent=1), encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Timing:
-        """Read a timing. Raises MienError where the file is not one."""
+        """Read a timing. Raises MienError if the file is not one."""
         try:
             values = json.loads(path.read_text(encoding="utf-8"))
             return cls(**{**values, "frame_seconds": tuple(values["frame_seconds"])})
@@ -160,7 +160,7 @@ class Timing:
 
 
 def _stack(values: Sequence[Array | None], shape: tuple[int, ...]) -> Array:
-    """(n, *shape), NaN where a value is missing."""
+    """Stack to (n, *shape), with NaN for missing values."""
     blank = np.full(shape, np.nan)
     return np.array([blank if v is None else v for v in values], dtype=float).reshape(len(values), *shape)
 
@@ -185,7 +185,7 @@ def _by_frame(prefix: str, values: Mapping[str, Any]) -> dict[int, Any]:
 
 
 def _plain(value: NDArray[Any]) -> Any:
-    """Text and single numbers as Python's own, so that what is read equals what was written."""
+    """Convert text and scalars to Python types, so that what is read equals what was written."""
     if value.ndim == 0:
         return value.item()
     return tuple(str(v) for v in value) if value.dtype.kind == "U" or (value.size == 0 and value.ndim == 1) else value

@@ -1,4 +1,4 @@
-"""One tracker on one sequence, in this process."""
+"""Run one tracker on one sequence, in this process."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def run_sequence(
     dataset: str = "",
     settings: Mapping[str, Any] | None = None,
 ) -> SequenceResult:
-    """Track every frame of a sequence from these landmarks of its first frame.
+    """Track every frame of a sequence, starting from these landmarks in its first frame.
 
-    Raises MienError where truth and video do not fit, and whatever the tracker raises.
+    Raises MienError if truth and video do not match, and whatever the tracker raises.
     """
     truth = sequence.read_truth(count_frames(sequence.video))
     estimates: list[Estimate] = []
@@ -50,7 +50,7 @@ def run_sequence(
             _require_inside(truth, frame, sequence)
         estimates.append(estimate)
         meshes.append(_mesh(tracker, estimate, sequence.camera_for(frame.width, frame.height)))
-    track = TrackTable.of(estimates)
+    track = TrackTable.from_estimates(estimates)
     worst = worst_frames(track, truth)
     return SequenceResult(
         name,
@@ -73,34 +73,34 @@ def time_sequence(
     name: str = "tracker",
     settings: Mapping[str, Any] | None = None,
 ) -> Timing:
-    """Seconds of each call of a tracker, without decoding, after a warm-up with a tracker of its own.
+    """Time each call of a tracker, without decoding, after a warm-up with another instance.
 
-    make_tracker: called without arguments; the warm-up pays for what is compiled or loaded once in a process.
+    make_tracker: called without arguments; the warm-up takes what is compiled or loaded once per process.
     """
     for _ in _estimates(make_tracker(), sequence, landmarks, frames=1 + WARM_UP_FRAMES):
         pass
     seconds: list[float] = []
     for _ in _estimates(make_tracker(), sequence, landmarks, MAXIMUM_TIMED_FRAMES, seconds):
         pass
-    require(len(seconds) > 1, f"{sequence.video} has one frame only; there is nothing to time")
+    require(len(seconds) > 1, f"{sequence.video} has only one frame; there is nothing to time")
     return Timing(
         name, sequence.name, tuple(seconds[1:]), seconds[0], peak_memory_mb(), threads(), dict(settings or {})
     )
 
 
 def count_frames(video: Path) -> int:
-    """The frames of a video; MienError where none decodes, or one of a folder's images is no image: the truth counts
-    them all."""
+    """Number of frames of a video. Raises MienError if none can be decoded, or an image of a folder cannot be read, as
+    the truth counts them all."""
     indices = [frame.index for frame in open_video(video)]
-    require(len(indices) > 0, f"{video} holds no frame that decodes; leave the sequence out")
-    require(indices[-1] + 1 == len(indices), f"{video} has images that cannot be read; repair or leave them out")
+    require(len(indices) > 0, f"{video} has no frame that can be decoded; exclude the sequence")
+    require(indices[-1] + 1 == len(indices), f"{video} has images that cannot be read; repair or remove them")
     return len(indices)
 
 
 def peak_memory_mb() -> float:
-    """Largest resident memory of this process so far, in megabytes."""
+    """Peak resident memory of this process so far, in megabytes."""
     status = Path("/proc/self/status")
-    if status.exists():  # unlike ru_maxrss this leaves out what the parent held before exec
+    if status.exists():  # unlike ru_maxrss, this excludes the memory of the parent before exec
         line = next(row for row in status.read_text().splitlines() if row.startswith("VmHWM"))
         return int(line.split()[1]) / 1024
     import resource
@@ -110,7 +110,7 @@ def peak_memory_mb() -> float:
 
 
 def threads() -> str:
-    """How many threads the numerical libraries of this process may use."""
+    """Number of threads that the numerical libraries of this process may use."""
     return os.environ.get("OMP_NUM_THREADS") or f"all of {os.cpu_count()}"
 
 
@@ -122,7 +122,7 @@ def _estimates(
     seconds: list[float] | None = None,
 ) -> Iterator[tuple[Frame, Estimate]]:
     for frame in islice(open_video(sequence.video), frames):
-        _ = frame.pixels  # what a tracker needs of it is decoded now
+        _ = frame.pixels  # decode before timing
         start = time.perf_counter()
         if frame.index == 0:
             camera = sequence.camera_for(frame.width, frame.height)
@@ -136,37 +136,37 @@ def _estimates(
 
 
 def _check(estimate: Estimate, frame: Frame) -> None:
-    """A tracker that breaks the protocol is not measured."""
+    """Raise MienError if a tracker violates its interface."""
     R = estimate.rotation
     broken = R is not None and (np.shape(R) != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4))
     require(
         not broken and not (estimate.status is Status.LOST and R is not None),
-        f"frame {frame.index}: the tracker's rotation is not one, or belongs to a lost frame; "
-        "every frame is either lost or has a rotation matrix",
+        f"frame {frame.index}: the tracker's rotation is not a rotation matrix, or belongs to a lost frame; "
+        "every frame must either be lost or have a rotation matrix",
     )
 
 
 def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:
-    """Refuse an annotation made on images of another size."""
+    """Raise MienError for an annotation that was made on images of another size."""
     points = truth.landmarks
     if points is None or not np.isfinite(points).any():
         return
     high = np.nanmax(points.reshape(-1, 2), axis=0)
     require(
         bool(high[0] < 1.5 * frame.width and high[1] < 1.5 * frame.height),
-        f"{sequence.truth_files[0]} has points as far as {high[0]:.0f}, {high[1]:.0f} and the images have "
+        f"{sequence.truth_files[0]} has points up to {high[0]:.0f}, {high[1]:.0f} and the images have "
         f"{frame.width}x{frame.height} pixels; the annotation was made on images of another size",
     )
 
 
 def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:
-    """(V, 2) pixels of the mesh of a tracker that fits one."""
+    """Vertices (V, 2) of the tracker's mesh in pixels, None if it has none."""
     vertices = tracker.mesh(estimate) if isinstance(tracker, FittedTracker) else None
     return None if vertices is None else camera.project(vertices)[0]
 
 
 def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, NDArray[np.uint8]]:
-    """JPEG of these frames, by index."""
+    """JPEG images of these frames, by index."""
     wanted = set(frames)
     out = {}
     for frame in islice(open_video(video), max(wanted, default=-1) + 1):

@@ -1,4 +1,4 @@
-"""A result measured: one tracker on one sequence, and many of them together."""
+"""The metrics of a result, one tracker on one sequence, and of many results together."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mien.tracking.state import EXPRESSION_NAMES, Mask
 
 @dataclass(frozen=True)
 class Score:
-    """One result in the measures of one protocol. `failure` says why there is none."""
+    """The metrics of one result under one protocol. `failure` says why there are none."""
 
     result: SequenceResult
     protocol: Protocol
@@ -31,7 +31,7 @@ class Score:
 
     @cached_property
     def failure(self) -> str:
-        """Why this sequence has no figures; "" where it has."""
+        """Why this sequence has no metrics; "" if it has."""
         if self.result.failure or self.result.track is None:
             return self.result.failure or "not run yet"
         try:
@@ -42,8 +42,8 @@ class Score:
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """Truth and estimate in the protocol's angles; None where there is no truth of the pose, or the
-        tracker gives landmarks alone."""
+        """Truth and estimate in the protocol's angles; None if there is no true pose, or the tracker gives landmarks
+        only."""
         track, truth = self.result.track, self.result.truth
         if track is None or truth is None or not truth.has_pose or track.landmarks_alone:
             return None
@@ -60,7 +60,7 @@ class Score:
 
     @property
     def counted(self) -> Mask:
-        """(n,) frames whose angles count."""
+        """(n,) frames whose errors are averaged."""
         return self.compared.counted(self.lost_deg)
 
     @property
@@ -75,7 +75,7 @@ class Score:
 
     @cached_property
     def points(self) -> tuple[Array, Array] | None:
-        """(n, 12, 2) of the estimate and of the truth; None where one of them has no such points."""
+        """(n, 12, 2) points of the estimate and of the truth; None if either lacks them."""
         track, truth = self.result.track, self.result.truth
         if track is None or truth is None or truth.landmarks is None:
             return None
@@ -89,23 +89,22 @@ class Score:
 
     @property
     def frame_rms_without_offset_px(self) -> Array | None:
-        """(n,) the same after each point's offset of the first frame is taken off."""
+        """(n,) the same after subtracting each point's offset in the first frame."""
         if self.points is None:
             return None
         return metrics.landmark_rms(metrics.without_offset(*self.points), self.points[1])
 
     @property
     def eye_distance_px(self) -> float:
-        """Distance of the outer corners of the eyes in the first annotated frame: constant while the head
-        turns.
-        """
+        """Distance between the outer corners of the eyes in the first annotated frame, so that it does not change as
+        the head turns."""
         assert self.points is not None
         distance = outer_eye_distance(self.points[1])
         return float(distance[np.isfinite(distance)][0])
 
     @property
     def expression_moves(self) -> bool | None:
-        """Whether the truth shows expressions that are tracked; None where it says nothing of expression."""
+        """Whether the truth contains movements of the tracked expressions; None if it has no expressions."""
         truth = self.result.truth
         if truth is None or truth.expression is None:
             return None
@@ -114,9 +113,7 @@ class Score:
 
     @property
     def unit_correlations(self) -> Array:
-        """(7,) correlation of each unit with its counterpart in the truth; NaN where one of them does not
-        move.
-        """
+        """(7,) correlation of each unit with its counterpart in the truth; NaN if either is constant."""
         track, truth = self.result.track, self.result.truth
         out = np.full(len(EXPRESSION_NAMES), np.nan)
         if track is None or truth is None or truth.expression is None:
@@ -135,21 +132,20 @@ class Score:
 
     @property
     def jitter_deg(self) -> float:
-        """Mean over the angles of the deviation of the second difference of the error."""
+        """Standard deviation of the second difference of the error, mean over the angles."""
         lost = self.compared.lost | ~self.compared.known
         return float(metrics.jitter_deg(self.error_deg, lost).mean())
 
     @property
     def calibrated(self) -> Mask:
-        """(n,) frames whose intervals are judged: tracked, after the first, where the error is zero by
-        definition.
-        """
+        """(n,) frames for which calibration is evaluated: tracked ones after the first, whose error is zero by
+        definition."""
         c = self.compared
         return c.known & ~c.lost & (np.cumsum(c.known) > 1)
 
     @property
     def confidence(self) -> Array:
-        """(n,) probability that the rotation is right."""
+        """(n,) probability that the rotation error is below `RIGHT_DEG`."""
         assert self.result.track is not None
         return self.result.track.confidence
 
@@ -161,7 +157,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Scores:
-    """All scores of a folder of results, and its timings."""
+    """All scores and timings of a results folder."""
 
     evaluation: Evaluation
     protocol: Protocol
@@ -176,22 +172,22 @@ class Scores:
     def kinds(self) -> tuple[str, ...]:
         return self.evaluation.kinds
 
-    def of(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
-        """The scores of a tracker that have figures, of one kind or of all."""
+    def for_tracker(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
+        """The scores of a tracker that have metrics, for one kind of sequence or all."""
         return tuple(
             s for s in self.scores if s.result.tracker == tracker and kind in (None, s.result.kind) and not s.failure
         )
 
-    def posed(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
-        """Those of them that have truth of the pose."""
-        return tuple(s for s in self.of(tracker, kind) if s.comparison is not None)
+    def with_pose(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
+        """Those of them that have a true pose."""
+        return tuple(s for s in self.for_tracker(tracker, kind) if s.comparison is not None)
 
 
 def load_scores(out: Path, protocol: str | None = None) -> Scores:
-    """Everything in a folder of results, in the protocol it was evaluated in or another; a file that is damaged is
-    warned of, and what it held has no figures.
+    """Load a results folder and score it, by default under the protocol of its evaluation. A damaged file causes a
+    warning, and its result has no metrics.
 
-    Raises MienError where the folder holds no evaluation.
+    Raises MienError if the folder contains no evaluation.
     """
     evaluation = Evaluation.load(out)
     chosen = protocol_named(protocol or evaluation.protocol)
@@ -208,7 +204,7 @@ def load_scores(out: Path, protocol: str | None = None) -> Scores:
 
 
 def _result(path: Path, missing: SequenceResult) -> SequenceResult:
-    """The result of a file; what stands for a missing one where there is none, or a damaged one."""
+    """Load a result; returns the placeholder `missing` if there is no file, or a damaged one."""
     try:
         return SequenceResult.load(path) if path.exists() else missing
     except MienError as error:
@@ -217,7 +213,7 @@ def _result(path: Path, missing: SequenceResult) -> SequenceResult:
 
 
 def _timing_of(result: SequenceResult, path: Path) -> Timing | None:
-    """The timing of a result, if there is one that was made with the same settings."""
+    """Load the timing of a result, if there is one with the same settings."""
     try:
         timing = Timing.load(path) if path.exists() else None
     except MienError as error:
@@ -228,20 +224,20 @@ def _timing_of(result: SequenceResult, path: Path) -> Timing | None:
 
 
 def pooled(scores: Sequence[Score], values: Callable[[Score], NDArray[Any]]) -> NDArray[Any]:
-    """The frames of all sequences together."""
+    """Concatenate values over the frames of all sequences."""
     parts = [values(s) for s in scores]
     return np.concatenate(parts) if parts else np.empty(0)
 
 
 def pooled_errors(scores: Sequence[Score]) -> Array:
-    """(3,) E_tilt, E_pan, E_roll over the frames of all sequences that count; NaN where there is none."""
+    """(3,) E_tilt, E_pan, E_roll over the counted frames of all sequences; NaN if there are none."""
     if not scores:
         return np.full(3, np.nan)
     return metrics.mean_absolute_error(pooled(scores, lambda s: s.error_deg), pooled(scores, lambda s: s.counted))
 
 
 def aligned_errors(scores: Sequence[Score]) -> Array:
-    """(3,) the same with the head's axes of every sequence aligned to the true ones."""
+    """(3,) the same after aligning the head axes of each sequence to the true ones."""
     if not scores:
         return np.full(3, np.nan)
     errors = pooled(scores, lambda s: s.compared.aligned_error_deg)
@@ -249,7 +245,7 @@ def aligned_errors(scores: Sequence[Score]) -> Array:
 
 
 def spread_of_errors(scores: Sequence[Score]) -> Array:
-    """(3,) standard deviation of E_tilt, E_pan, E_roll over the sequences; NaN where there is only one."""
+    """(3,) standard deviation of E_tilt, E_pan, E_roll over the sequences; NaN if there is only one."""
     errors = np.array([s.mean_errors for s in scores])
     return errors.std(axis=0, ddof=1) if len(errors) > 1 else np.full(3, np.nan)
 

@@ -1,4 +1,4 @@
-"""The tables of a report: each one protocol, published rows marked as such."""
+"""The tables of a report: one protocol each, with published rows marked as such."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ NONE = "—"
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text under their heads; note: what one must know to read them; protocol: the one of all of
-    them.
-    """
+    """Column names and rows of text cells; note: explains how to read them; protocol: that of all cells."""
 
     name: str
     title: str
@@ -47,7 +45,7 @@ class Table:
 
 
 def all_tables(scores: Scores) -> tuple[Table, ...]:
-    """Every table that these results fill, in the order of a report."""
+    """All tables for which there are results, in the order of a report."""
     tables = [
         published_and_measured(scores),
         by_kind(scores),
@@ -65,8 +63,8 @@ def all_tables(scores: Scores) -> tuple[Table, ...]:
 
 
 def published_and_measured(scores: Scores) -> Table | None:
-    """Table 1 of the paper, or the figures published for `rebased`, and what was measured here."""
-    if not any(scores.posed(t) for t in scores.trackers):
+    """Table 1 of the paper, or the numbers published for `rebased`, and those measured here."""
+    if not any(scores.with_pose(t) for t in scores.trackers):
         return None
     rows: list[tuple[str, ...]] = []
     if scores.protocol is Protocol.PAPER:
@@ -77,7 +75,7 @@ def published_and_measured(scores: Scores) -> Table | None:
         (t, f"measured here: {scores.evaluation.dataset} {k}, {_sequences(chosen)}", *_table_1_cells(scores, chosen))
         for t in scores.trackers
         for k in scores.kinds
-        if (chosen := scores.posed(t, k))
+        if (chosen := scores.with_pose(t, k))
     ]
     threshold = f"P_s counts frames whose e_i is at most ({scores.evaluation.lost_deg:g} degrees)². "
     of_paper = "E is over these frames. " if scores.protocol is Protocol.PAPER else "E is over all frames. "
@@ -85,18 +83,18 @@ def published_and_measured(scores: Scores) -> Table | None:
         "table1",
         "Published and measured",
         f"{threshold}{of_paper}± is the standard deviation over sequences. "
-        f"Rows of different data sets do not compare. {coverage_of_buft(scores)}".strip(),
+        f"Rows of different data sets are not comparable. {coverage_of_buft(scores)}".strip(),
         ("approach", "source", "P_s (%)", "E_pan (°)", "E_tilt (°)", "E_roll (°)", "E_m (°)"),
         tuple(rows),
     )
 
 
 def by_kind(scores: Scores) -> Table:
-    """Mean of the three mean absolute errors of each kind of sequence."""
+    """Mean of the three mean absolute errors, for each kind of sequence."""
     rows = [
-        (t, *(_number(float(pooled_errors(scores.posed(t, k)).mean())) for k in scores.kinds), _done(scores, t))
+        (t, *(_number(float(pooled_errors(scores.with_pose(t, k)).mean())) for k in scores.kinds), _done(scores, t))
         for t in scores.trackers
-        if scores.posed(t)
+        if scores.with_pose(t)
     ]
     return Table(
         "kinds",
@@ -112,7 +110,7 @@ def angles_by_kind(scores: Scores) -> Table:
     rows = []
     for tracker in scores.trackers:
         for kind in scores.kinds:
-            chosen = scores.posed(tracker, kind)
+            chosen = scores.with_pose(tracker, kind)
             if chosen:
                 tilt, pan, roll = pooled_errors(chosen)
                 lost, frames = sum(s.lost for s in chosen), sum(s.frames for s in chosen)
@@ -124,20 +122,20 @@ def angles_by_kind(scores: Scores) -> Table:
     return Table(
         "angles",
         "Errors of each angle",
-        "A lost frame is one in which the tracker gave no face. Which way a head looks no tracker can know exactly: "
-        "`axes aligned` is the mean with the head's axes of every sequence turned as near to the true ones as the "
-        "rotations show them.",
+        "A lost frame is one in which the tracker gave no face. No tracker can know the axes of a head exactly: "
+        "`axes aligned` is the mean after aligning the head axes of each sequence to the true ones as well as its "
+        "rotations allow.",
         ("tracker", "kind", "sequences", "lost frames", "P_s (%)", *angles),
         tuple(rows),
     )
 
 
 def landmarks(scores: Scores) -> Table:
-    """RMS of the twelve points."""
+    """RMS error of the twelve points."""
     rows = []
     for tracker in scores.trackers:
         for kind in scores.kinds:
-            chosen = [s for s in scores.of(tracker, kind) if s.points is not None]
+            chosen = [s for s in scores.for_tracker(tracker, kind) if s.points is not None]
             if chosen:
                 raw = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_px)))
                 free = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_without_offset_px)))
@@ -146,20 +144,20 @@ def landmarks(scores: Scores) -> Table:
     return Table(
         "landmarks",
         "Landmarks: RMS of the twelve points of Fig. 3",
-        "`raw` compares the points as they are. `without offset` takes off the distance that each point has from the "
-        "annotation in the first frame, because a tracker's points and the annotator's are not defined alike. "
-        "`normalised` is the raw RMS over the distance of the outer corners of the eyes in the first frame.",
+        "`raw` compares the points as they are. `without offset` subtracts each point's offset from the annotation in "
+        "the first frame, because a tracker's points and the annotator's are not defined identically. "
+        "`normalised` is the raw RMS over the distance between the outer corners of the eyes in the first frame.",
         ("tracker", "kind", "raw (px)", "without offset (px)", "normalised (%)"),
         tuple(rows),
     )
 
 
 def animation(scores: Scores) -> Table:
-    """Correlation of each unit with its counterpart, by kind."""
+    """Correlation of each animation unit with its counterpart, for each kind of sequence."""
     rows = []
     for tracker in scores.trackers:
         for kind in scores.kinds:
-            chosen = [s for s in scores.of(tracker, kind) if s.expression_moves]
+            chosen = [s for s in scores.for_tracker(tracker, kind) if s.expression_moves]
             values = np.array([s.unit_correlations for s in chosen])
             if len(chosen) and np.isfinite(values).any():
                 cells = [_number(_mean(values[:, i])) for i in range(len(EXPRESSION_NAMES))]
@@ -176,11 +174,11 @@ def animation(scores: Scores) -> Table:
 
 
 def false_movements(scores: Scores) -> Table:
-    """Largest movement of each unit in sequences of pose alone."""
+    """Largest movement of each animation unit in sequences without expression."""
     rows = []
     for tracker in scores.trackers:
         for kind in scores.kinds:
-            chosen = [s for s in scores.of(tracker, kind) if s.expression_moves is False]
+            chosen = [s for s in scores.for_tracker(tracker, kind) if s.expression_moves is False]
             values = np.array([s.false_movement for s in chosen])
             if len(chosen) and np.isfinite(values).any():
                 largest = np.where(np.isnan(values), -np.inf, values).max(axis=0)
@@ -188,18 +186,18 @@ def false_movements(scores: Scores) -> Table:
     return Table(
         "false-movement",
         "Animation: false movement under pose alone",
-        "Largest distance of a unit from its value in the first frame, over all sequences without expression.",
+        "Largest deviation of a unit from its value in the first frame, over all sequences without expression.",
         ("tracker", "kind", *EXPRESSION_NAMES),
         tuple(rows),
     )
 
 
 def calibration(scores: Scores) -> Table:
-    """Coverage of the intervals, normalised error squared, and the gap of the confidence."""
+    """Coverage of the intervals, normalised squared error, and calibration error of the confidence."""
     rows = []
     for tracker in scores.trackers:
         for kind in scores.kinds:
-            chosen = scores.posed(tracker, kind)
+            chosen = scores.with_pose(tracker, kind)
             if chosen:
                 rows.append((tracker, kind, *_calibration_cells(chosen)))
     levels = tuple(f"{level:.0%} interval (%)" for level in metrics.COVERAGE_LEVELS)
@@ -207,33 +205,33 @@ def calibration(scores: Scores) -> Table:
     return Table(
         "calibration",
         "Calibration",
-        "Share of the errors of the three angles inside the tracker's own intervals. "
-        "The normalised error squared is 1 where the covariance is right and more where it is too small. "
-        "The gap is the mean distance of the confidence from the share of frames with an error below "
-        f"{metrics.RIGHT_DEG:g} degrees. Tracked frames after the first.",
+        "Fraction of the errors of the three angles inside the tracker's own intervals. "
+        "The normalised squared error is 1 if the covariance is right, and more if it is too small. "
+        "The gap is the mean difference between the confidence and the fraction of frames with an error below "
+        f"{metrics.RIGHT_DEG:g} degrees. Over tracked frames after the first.",
         ("tracker", "kind", *levels, *angles, "error² / variance", "gap of confidence (%)"),
         tuple(rows),
     )
 
 
 def jitter(scores: Scores) -> Table:
-    """Deviation of the second difference of the error."""
+    """Standard deviation of the second difference of the error."""
     rows = [
-        (t, *(_number(_mean(np.array([s.jitter_deg for s in scores.posed(t, k)])), 3) for k in scores.kinds))
+        (t, *(_number(_mean(np.array([s.jitter_deg for s in scores.with_pose(t, k)])), 3) for k in scores.kinds))
         for t in scores.trackers
-        if scores.posed(t)
+        if scores.with_pose(t)
     ]
     return Table(
         "jitter",
         "Jitter",
-        "Standard deviation of the second difference of the error, degrees, mean of the angles and sequences.",
+        "Standard deviation of the second difference of the error in degrees, mean over angles and sequences.",
         ("tracker", *scores.kinds),
         tuple(rows),
     )
 
 
 def cost(scores: Scores) -> Table:
-    """Time and memory, from runs of their own."""
+    """Time and memory, from separate runs."""
     rows = []
     for t in scores.timings:
         ms = 1000 * np.array(t.frame_seconds)
@@ -242,9 +240,9 @@ def cost(scores: Scores) -> Table:
     return Table(
         "cost",
         "Cost",
-        "Without decoding, after a warm-up, nothing beside it from this evaluation. Training is the first "
+        "Without decoding, after a warm-up, with nothing else of this evaluation running. Training is the first "
         "frame. "
-        "Memory is the peak of the whole process, interpreter and libraries included.",
+        "Memory is the peak of the whole process, including interpreter and libraries.",
         (
             "tracker",
             "sequence",
@@ -260,7 +258,7 @@ def cost(scores: Scores) -> Table:
 
 
 def sequences(scores: Scores) -> Table:
-    """Every sequence on its own."""
+    """The results of each sequence."""
     rows = []
     for s in scores.scores:
         if not s.failure:
@@ -272,19 +270,19 @@ def sequences(scores: Scores) -> Table:
     return Table(
         "sequences",
         "Every sequence",
-        "The errors are degrees, the RMS of the twelve points pixels.",
+        "Errors are in degrees, the RMS of the twelve points in pixels.",
         ("tracker", "sequence", "kind", "frames", "lost", "tilt", "pan", "roll", "mean", "RMS"),
         tuple(rows),
     )
 
 
 def failures(scores: Scores) -> Table:
-    """The sequences that have no figures, and why."""
+    """The sequences without results, and why."""
     rows = [(s.result.tracker, s.result.sequence, s.result.kind, s.failure) for s in scores.scores if s.failure]
     return Table(
         "failures",
-        "Sequences without figures",
-        "They are in no mean above.",
+        "Sequences without results",
+        "They are excluded from all means above.",
         ("tracker", "sequence", "kind", "reason"),
         tuple(rows),
     )
@@ -318,7 +316,7 @@ def _calibration_cells(chosen: Sequence[Score]) -> tuple[str, ...]:
 
 
 def coverage_of_buft(scores: Scores) -> str:
-    """Which of the 45 sequences are there."""
+    """A sentence on which of the 45 uniform-light sequences of BUFT are present."""
     if scores.evaluation.dataset != "buft":
         return ""
     e = scores.evaluation
@@ -327,12 +325,12 @@ def coverage_of_buft(scores: Scores) -> str:
     absent = buft.missing(names)
     present = [n for n in buft.COMPLETE if n in names]
     if not absent:
-        return "All 45 sequences of the uniform-light set are there."
-    return f"Of the 45 sequences of the uniform-light set {len(present)} are there: {', '.join(present) or 'none'}."
+        return "All 45 sequences of the uniform-light set are present."
+    return f"Of the 45 sequences of the uniform-light set {len(present)} are present: {', '.join(present) or 'none'}."
 
 
 def _done(scores: Scores, tracker: str) -> str:
-    return f"{len(scores.posed(tracker))} of {len(scores.evaluation.sequences)}"
+    return f"{len(scores.with_pose(tracker))} of {len(scores.evaluation.sequences)}"
 
 
 def _array(values: Array | None) -> Array:

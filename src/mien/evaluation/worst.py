@@ -1,4 +1,4 @@
-"""The frames in which a tracker errs most."""
+"""The frames with the largest errors of a tracker."""
 
 from __future__ import annotations
 
@@ -12,27 +12,25 @@ from mien.evaluation.results import TrackTable
 from mien.geometry.rotation import Array
 
 WORST_FRAMES = 20
-"""Frames whose pictures a result keeps: the contact sheet shows the worst twenty of all sequences."""
+"""Number of frames whose images a result stores; the contact sheet shows the worst twenty of all sequences."""
 
 
 def worst_frames(track: TrackTable, truth: Truth, count: int = WORST_FRAMES) -> tuple[int, ...]:
-    """The frames with the largest rotation error since the first frame, or landmark error where there is no
-    pose; in a longer video of neighbours, which look alike, the worst alone.
+    """The frames with the largest rotation error relative to the first frame, or the largest landmark error if there is
+    no pose. In longer videos, of neighbouring frames, which look alike, only the worst is taken.
     """
     errors = frame_errors(track, truth)
-    left, apart = np.where(np.isfinite(errors), errors, -1.0), max(1, len(errors) // (2 * count))
+    remaining, spacing = np.where(np.isfinite(errors), errors, -1.0), max(1, len(errors) // (2 * count))
     chosen: list[int] = []
-    while len(chosen) < count and left.max() >= 0:
-        worst = int(np.argmax(left))
+    while len(chosen) < count and remaining.max() >= 0:
+        worst = int(np.argmax(remaining))
         chosen.append(worst)
-        left[max(0, worst - apart + 1) : worst + apart] = -1.0
+        remaining[max(0, worst - spacing + 1) : worst + spacing] = -1.0
     return tuple(chosen)
 
 
 def frame_errors(track: TrackTable, truth: Truth) -> Array:
-    """(n,) degrees of rotation error, or pixels of the twelve points where there is no pose; NaN where
-    unknown.
-    """
+    """Errors (n,): of the rotation in degrees or, without a pose, of the twelve points in pixels; NaN if unknown."""
     if truth.has_pose and np.isfinite(track.rotation[0]).all():
         return compare(Protocol.REBASED, truth, track.rotation).rotation_error_deg
     points = points_of_names(track.landmarks, track.landmark_names)

@@ -1,4 +1,4 @@
-"""Data sets with ground truth, one file each, and `load_dataset`, which finds them by name."""
+"""Data sets with ground truth, one module each, and `load_dataset`, which loads them by name."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ DATASETS: Mapping[str, Callable[[Path], tuple[Sequence, ...]]] = MappingProxyTyp
 
 
 def load_dataset(name: str, path: Path) -> tuple[Sequence, ...]:
-    """The sequences of a data set, in the order of their names.
+    """Load the sequences of a data set, ordered by name.
 
-    Raises MienError for an unknown name (with those that exist), a missing folder, one without a sequence, and one with
-    two of the same name.
+    Raises MienError for an unknown data set (listing the known ones), a missing folder, a folder without sequences, and
+    duplicate sequence names.
     """
     require(name in DATASETS, f"unknown data set {name!r}; the data sets are {', '.join(DATASETS)}")
-    require(path.exists(), f"{path} does not exist; give the folder that holds the data set")
+    require(path.exists(), f"{path} does not exist; give the folder that contains the data set")
     sequences = DATASETS[name](path)
     names = [sequence.name for sequence in sequences]
     twice = sorted({name for name in names if names.count(name) > 1})
-    require(not twice, f"{path} holds more than one sequence named {', '.join(twice)}; give one set at a time")
+    require(not twice, f"{path} contains more than one sequence named {', '.join(twice)}; give one set at a time")
     return sequences

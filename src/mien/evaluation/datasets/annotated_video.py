@@ -1,10 +1,10 @@
-"""Your own video with the truth of its pose or its landmarks in a CSV.
+"""Your own video with ground truth of pose or landmarks in a CSV.
 
 PATH is a video with a CSV of the same name beside it, or a folder of such pairs. The columns are those of
-`mien.evaluation.pose_csv`: `frame`, `pose_Rx, pose_Ry, pose_Rz` in radians, `x_0, y_0, ..` in pixels. `frame`
-counts from 0, or from 1 as OpenFace does where no row has frame 0 and the last is the number of frames.
-Without that column there must be a row for every frame. Frames without a row, or with `success` 0, have no
-truth. The camera is the default, a field of view of 60 degrees, unless a focal length is given.
+`mien.evaluation.pose_csv`: `frame`, `pose_Rx, pose_Ry, pose_Rz` in radians, `x_0, y_0, ..` in pixels. `frame` starts at
+0, or at 1, as in OpenFace, if no row has frame 0 and the last equals the number of frames. Without that column there
+must be a row for every frame. Frames without a row, or with `success` 0, have no truth. The camera has the default
+field of view of 60 degrees unless a focal length is given.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ NOT_VIDEO = (".csv", ".json", ".parquet", ".txt", ".png", ".jpg")
 
 
 def load(path: Path) -> tuple[Sequence, ...]:
-    """Every video that has a CSV of its name beside it."""
+    """Load every video that has a CSV of the same name beside it."""
     candidates = sorted(path.iterdir()) if path.is_dir() else [path]
     videos = [p for p in candidates if p.suffix.lower() not in NOT_VIDEO and p.with_suffix(".csv").is_file()]
-    require(bool(videos), f"{path} holds no annotated video; it needs a video with a CSV of the same name beside it")
+    require(bool(videos), f"{path} contains no annotated video; it needs a video with a CSV of the same name beside it")
     return tuple(_sequence(video, video.with_suffix(".csv")) for video in videos)
 
 
 def read_truth(path: Path, frames: int) -> Truth:
-    """The truth of a video of so many frames. Raises MienError where the rows do not fit them."""
+    """Read the truth of a video with this number of frames. Raises MienError if the rows do not match."""
     table = read_pose_csv(path)
     index = _index(table, frames)
     require(
@@ -42,16 +42,16 @@ def read_truth(path: Path, frames: int) -> Truth:
     )
     require(len(np.unique(index)) == len(index), f"{path} has two rows for one frame; keep one of them")
 
-    def spread(values: Array | None) -> Array | None:
+    def by_frame(values: Array | None) -> Array | None:
         if values is None:
             return None
         out = np.full((frames, *values.shape[1:]), np.nan)
         out[index[table.tracked]] = values[table.tracked]
         return out
 
-    landmarks = spread(table.landmarks)
+    landmarks = by_frame(table.landmarks)
     scheme = "ibug68" if landmarks is None else table.scheme
-    return Truth(frames, rotations=spread(table.rotation), landmarks=landmarks, landmark_scheme=scheme)
+    return Truth(frames, rotations=by_frame(table.rotation), landmarks=landmarks, landmark_scheme=scheme)
 
 
 def _index(table: PoseTable, frames: int) -> NDArray[np.intp]:

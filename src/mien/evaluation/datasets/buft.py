@@ -1,18 +1,18 @@
 """BUFT: the head tracking set of Boston University (La Cascia, Sclaroff and Athitsos, 2000).
 
-Layout: `jam1.avi` or `jam1.mpg` with `jam1.dat` beside it or in another folder below the same root; the
-subjects jam, jim, llm, ssm and vam with nine sequences each make the uniform-light set of 45. Sequences below
-a folder whose name contains `vary` are of kind `varying-light`, all others `uniform-light`.
+Layout: `jam1.avi` or `jam1.mpg`, with `jam1.dat` beside it or in another folder below the same root; the subjects jam,
+jim, llm, ssm and vam, with nine sequences each, are the uniform-light set of 45. Sequences in a folder whose name
+contains `vary` are of kind `varying-light`, all others of kind `uniform-light`.
 
-A row of a `.dat` holds X, Y, depth, roll, yaw, pitch (degrees), with an index before it in files of seven
-columns. The signs are those of head axes (x to the subject's left, y up, z out of the face): positive pitch
-nods down, positive yaw turns the face to the subject's left, positive roll lifts the subject's left.
-OpenFace's angles are (pitch, -yaw, -roll). The order in which the angles are composed is documented nowhere;
-`mien.evaluation.protocols` has the two readings.
+A row of a `.dat` contains X, Y, depth, roll, yaw, pitch (degrees), preceded by an index in files with seven columns.
+The signs are those of head axes (x to the subject's left, y up, z out of the face): positive pitch nods down, positive
+yaw turns the face to the subject's left, positive roll lifts the subject's left. OpenFace's angles are (pitch, -yaw,
+-roll). The order in which the angles are composed is not documented; `mien.evaluation.protocols` has both
+interpretations.
 
-The sensor wrote one row more than the video has frames, and the published evaluation drops the first: row i +
-1 belongs to frame i. A file with as many rows as the video has frames is read as row i for frame i, its first
-row dropped as well, which leaves frame 0 without truth. Any other length is refused.
+The sensor wrote one row more than the video has frames, and the published evaluation drops the first: row i + 1 belongs
+to frame i. In a file with as many rows as the video has frames, row i belongs to frame i, and the first row is dropped
+as well, which leaves frame 0 without truth. Any other length is an error.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ COMPLETE = tuple(f"{subject}{number}" for subject in SUBJECTS for number in rang
 """The 45 sequences of the uniform-light set."""
 
 FOCAL_PER_WIDTH = 500 / 320
-"""The camera is documented nowhere; the published OpenFace evaluation takes 500 pixels at 320x240."""
+"""The camera is not documented; the published OpenFace evaluation uses 500 pixels at 320x240."""
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
-    """Every sequence below a folder: videos that have a `.dat` of the same name."""
+    """Load all sequences in a folder and its subfolders: videos that have a `.dat` of the same name."""
     videos = sorted(p for p in root.rglob("*") if p.suffix.lower() in VIDEO_SUFFIXES)
     pairs = [(video, dat) for video in videos if (dat := _dat_of(root, video)) is not None]
     require(
         bool(pairs),
-        f"{root} holds no sequence of BUFT; it needs videos ({', '.join(VIDEO_SUFFIXES)}), each with a .dat "
-        "of the same name beside it or in a folder of its own",
+        f"{root} contains no sequence of BUFT; it needs videos ({', '.join(VIDEO_SUFFIXES)}), each with a .dat "
+        "of the same name beside it or in a separate folder",
     )
     return tuple(
         Sequence(
@@ -61,12 +61,13 @@ def load(root: Path) -> tuple[Sequence, ...]:
 
 
 def missing(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Which of the 45 sequences of the uniform-light set are not among these names."""
+    """The sequences of the uniform-light set of 45 that are not among these names."""
     return tuple(n for n in COMPLETE if n not in names)
 
 
 def read_truth(path: Path, frames: int) -> Truth:
-    """The angles of a video's frames, aligned by the rule above. Raises MienError where they do not fit."""
+    """Read the angles of a video with this number of frames, aligned as described above. Raises MienError if their
+    numbers do not match."""
     angles = read_dat(path)[:, [5, 4, 3]]
     require(
         len(angles) in (frames, frames + 1),
@@ -80,7 +81,7 @@ def read_truth(path: Path, frames: int) -> Truth:
 
 
 def read_dat(path: Path) -> Array:
-    """Rows of a `.dat`, (n, 6): X, Y, depth, roll, yaw, pitch. Raises MienError for any other table."""
+    """Read the rows (n, 6) of a `.dat`: X, Y, depth, roll, yaw, pitch. Raises MienError for any other table."""
     try:
         rows = np.loadtxt(path, ndmin=2)
     except ValueError as e:

@@ -1,10 +1,10 @@
-"""Rendered heads with exact truth, in BUFT's layout: `NAME.avi`, `NAME.dat`, `NAME_truth.npz`.
+"""Rendered heads with exact ground truth, in BUFT's layout: `NAME.avi`, `NAME.dat`, `NAME_truth.npz`.
 
-The kind of a sequence is in its name: `a_uniform1` is of kind `uniform`. `NAME_truth.npz` holds `R` (n, 3, 3)
-and `t` with `X_camera = diag(1, -1, -1) R X + t`, `landmarks68` (n, 68, 2), `expression` and
-`expression_names`, and `focal`. Where there is only the `.dat`, it is read by BUFT's rule. Measured on these
-sequences, the `.dat` holds tilt, pan and roll of `R_0^T R_t = Rx(tilt) Ry(pan) Rz(roll)`, which is what the
-protocol `rebased` reads. The points, too, are read as the pictures show them.
+The kind of a sequence is part of its name: `a_uniform1` is of kind `uniform`. `NAME_truth.npz` contains `R` (n, 3, 3)
+and `t` with `X_camera = diag(1, -1, -1) R X + t`, `landmarks68` (n, 68, 2), `expression` and `expression_names`, and
+`focal`. If there is only the `.dat`, it is read like BUFT's. Measured on these sequences, the `.dat` contains tilt, pan
+and roll of `R_0^T R_t = Rx(tilt) Ry(pan) Rz(roll)`, as the protocol `rebased` interprets it. The points are shifted to
+where the images show them.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from mien.geometry.rotation import FACING, Array
 from mien.video import VIDEO_SUFFIXES
 
 CAMERA = Camera(500.0, 160.0, 120.0)
-PICTURES_BESIDE_POINTS = -0.25
-"""Pixels, to the right and down, from `landmarks68` to where the pictures show them. The pictures alone say -0.22 and
--0.38, each to 0.03 (`benchmarks/picture_offset.py`); -0.25 it is where they are drawn twice as large, by a camera of
-twice the numbers, and averaged."""
+IMAGE_OFFSET = -0.25
+"""Shift in pixels, to the right and down, from `landmarks68` to where the images show them. Measured from the images
+alone: -0.22 and -0.38, each to 0.03 (`benchmarks/picture_offset.py`); -0.25 follows if they were rendered at twice the
+size, by a camera with twice the numbers, and averaged."""
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
-    """Every sequence of a folder: videos that have an `_truth.npz` or a `.dat` of the same name."""
+    """Load all sequences of a folder: videos that have a `_truth.npz` or a `.dat` of the same name."""
     videos = sorted(p for p in root.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES) if root.is_dir() else []
     found = [s for video in videos if (s := _sequence(video)) is not None]
     require(
         bool(found),
-        f"{root} holds no rendered sequence; it needs NAME.avi with NAME_truth.npz or NAME.dat beside it",
+        f"{root} contains no rendered sequence; it needs NAME.avi with NAME_truth.npz or NAME.dat beside it",
     )
     return tuple(found)
 
 
 def read_truth(path: Path, frames: int) -> Truth:
-    """The exact truth of a `NAME_truth.npz` for a video of so many frames."""
+    """Read the exact truth from a `NAME_truth.npz`, for a video with this number of frames."""
     values = _read_npz(path)
     R = np.asarray(values["R"], dtype=float)
     require_frames(len(R), frames, path)
@@ -54,14 +54,14 @@ def read_truth(path: Path, frames: int) -> Truth:
         if array is not None:
             require_frames(len(array), frames, path)
             require_finite(array, path, name)
-    turned = np.linalg.det(R)
-    require(bool((turned > 0).all()), f"{path}: R of frame {int(np.argmin(turned))} is no rotation")
+    determinant = np.linalg.det(R)
+    require(bool((determinant > 0).all()), f"{path}: R of frame {int(np.argmin(determinant))} is no rotation")
     names = tuple(str(n) for n in values.get("expression_names", ()))
-    for of, array, shape in (("landmarks68", landmarks, (68, 2)), ("expression", expression, (len(names),))):
+    for key, array, shape in (("landmarks68", landmarks, (68, 2)), ("expression", expression, (len(names),))):
         fits = array is None or array.shape[1:] == shape
-        require(fits, f"{path}: a frame of {of} has another shape than {shape}, that of its points or its names")
+        require(fits, f"{path}: {key} of each frame must have the shape {shape}; create the file again")
     if landmarks is not None:
-        landmarks = landmarks + PICTURES_BESIDE_POINTS
+        landmarks = landmarks + IMAGE_OFFSET
     return Truth(frames, rotations=FACING @ R, landmarks=landmarks, expression=expression, expression_names=names)
 
 
@@ -79,7 +79,7 @@ def _read_npz(path: Path) -> Mapping[str, Any]:
     try:
         values = dict(np.load(path))
     except (OSError, ValueError, EOFError, BadZipFile) as e:
-        raise MienError(f"{path} is not an npz file that can be read ({e}); make it again") from e
+        raise MienError(f"{path} is not a readable npz file ({e}); create it again") from e
     require("R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)")
     return values
 

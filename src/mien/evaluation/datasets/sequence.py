@@ -1,4 +1,4 @@
-"""One sequence of a data set: its video, its camera, its truth."""
+"""One sequence of a data set: its video, its camera, its ground truth."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from mien.initialization.landmarks import SCHEMES, Landmarks
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known of n frames. What the data set does not have is None; a frame without truth is NaN.
+    """Ground truth of n frames. Quantities that the data set lacks are None; frames without truth are NaN.
 
-    rotations: (n, 3, 3) head -> camera; angles_deg: (n, 3) tilt, pan, roll as a sensor's file gives them,
-    with the signs of head axes, where the order of the angles is the protocol's to say; landmarks: (n, k, 2)
-    pixels of the scheme `landmark_scheme`; expression: (n, m) of the shapes `expression_names`.
+    rotations: (n, 3, 3) head -> camera; angles_deg: (n, 3) tilt, pan, roll from a sensor's file, with the signs of head
+    axes; the protocol decides their order; landmarks: (n, k, 2) pixels in the scheme `landmark_scheme`;
+    expression: (n, m) weights of the shapes `expression_names`.
     """
 
     frames: int
@@ -36,24 +36,23 @@ class Truth:
         return self.rotations is not None or self.angles_deg is not None
 
     def first_landmarks(self, source: str) -> Landmarks:
-        """The annotation of frame 0. Raises MienError where there is none."""
+        """The annotation of frame 0. Raises MienError if there is none."""
         usable = self.landmarks is not None and self.landmark_scheme in SCHEMES
         points = self.landmarks[0] if usable and self.landmarks is not None else None
         require(
             points is not None and bool(np.isfinite(points).all()),
-            f"{source}: frame 0 has no annotation of a whole face; take them from the detector (--landmarks detected)",
+            f"{source}: frame 0 has no annotation of a whole face; use detected landmarks (--landmarks detected)",
         )
         return Landmarks(np.asarray(points, dtype=float), self.landmark_scheme, source=source)
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """A video (a file or a folder of images) with its truth.
+    """A video (a file or a folder of images) with its ground truth.
 
-    kind: what the sequence stresses, a row of the table by kind; truth_files: what the truth is read from;
-    read_truth: the truth of a video of so many frames, MienError where it does not fit; camera: where it is
-    known, focal_px or focal_per_width where only that is known; with none of them, a field of view of 60
-    degrees.
+    kind: category of the sequence in the tables; truth_files: the files of the truth; read_truth: reads the truth,
+    given the number of frames of the video, and raises MienError if they do not match; camera: if known;
+    focal_px, focal_per_width: if only the focal length is known; with none of them, a field of view of 60 degrees.
     """
 
     name: str
@@ -66,7 +65,7 @@ class Sequence:
     focal_per_width: float | None = None
 
     def camera_for(self, width: int, height: int) -> Camera:
-        """The camera of images of this size in pixels."""
+        """The camera for images of this size in pixels."""
         if self.camera is not None:
             return self.camera
         if self.focal_px is not None:
@@ -76,14 +75,14 @@ class Sequence:
         return Camera.from_fov(width, height)
 
     def with_focal(self, focal_px: float) -> Sequence:
-        """The same sequence with another focal length in pixels, the principal point as it was."""
+        """The same sequence with another focal length in pixels and an unchanged principal point."""
         if self.camera is not None:
             return replace(self, camera=Camera(focal_px, self.camera.cx, self.camera.cy))
         return replace(self, focal_px=focal_px)
 
 
 def require_frames(truth: int, video: int, source: Path) -> None:
-    """Refuse truth of another number of frames than the video's: nothing is cut silently."""
+    """Raise MienError if truth and video differ in their number of frames: nothing is truncated silently."""
     require(
         truth == video,
         f"{source} describes {truth} frames and its video has {video}; check that they belong together, or trim the "
@@ -92,10 +91,10 @@ def require_frames(truth: int, video: int, source: Path) -> None:
 
 
 def require_finite(values: Array, source: Path, what: str) -> None:
-    """Refuse truth that is not a number, and say in which row."""
+    """Raise MienError naming the first row of the truth that is not finite."""
     bad = np.argwhere(~np.isfinite(values))
     row = int(bad[0][0]) if len(bad) else 0
     require(
         len(bad) == 0,
-        f"{source}: {what} in row {row} is not a finite number; repair the file or leave the sequence out",
+        f"{source}: {what} in row {row} is not a finite number; repair the file or exclude the sequence",
     )

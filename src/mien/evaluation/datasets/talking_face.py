@@ -1,14 +1,13 @@
 """Talking Face: 5000 frames of one talking person, 68 points in each (FGnet, 2004).
 
-PATH is a folder with `franck_00000.jpg` .. and `franck_00000.pts` .., or one video with such point files, in
-one folder or below it; frames without a point file have no truth. A point file belongs to the image of its
-name, or to the frame of the video with its number, counted from 0.
+PATH is a folder with `franck_00000.jpg` .. and `franck_00000.pts` .., or with one video and such point files, also in
+subfolders; frames without a point file have no truth. A point file belongs to the image with its name, or to the frame
+of the video with its number, starting at 0.
 
-The first point file tells the format of all. Points stand between braces (`version: 1`, `n_points: 68`), or
-are 68 plain lines of x and y. Their order is that of iBUG, or that of FGnet's own annotation (which is
-XM2VTS's): there points 31 and 36 are the pupils, amid 27 to 30 and 32 to 35. Of FGnet's order only the twelve
-points of the paper's Fig. 3 are used. Points of iBUG's order between braces count pixels from 1, all others
-from 0.
+The first point file determines the format of all. The points are between braces (`version: 1`, `n_points: 68`), or are
+68 plain lines of x and y. Their order is that of iBUG, or that of FGnet's own annotation (the same as XM2VTS's), in
+which points 31 and 36 are the pupils, surrounded by 27 to 30 and 32 to 35. From FGnet's order only the twelve points of
+the paper's Fig. 3 are used. Pixel coordinates of points in iBUG's order between braces start at 1, all others at 0.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ from mien.initialization.landmark_files import PTS_ORIGIN, read_landmarks
 from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
 
 FGNET_POINTS = (27, 29, 34, 32, 67, 41, 39, 43, 48, 54, 51, 57)
-"""The twelve points in FGnet's order of annotation, in the order of `points12.POINT_NAMES`."""
+"""Indices in FGnet's annotation of the twelve points, in the order of `points12.POINT_NAMES`."""
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
-    """The one sequence of a folder."""
+    """Load the one sequence of a folder."""
     require(root.is_dir(), f"{root} is not a folder; give the one with the images or the video and the point files")
     points = {p.stem: p for p in sorted(root.rglob("*.pts"))}
     require(
         bool(points),
-        f"{root} holds no point file; Talking Face has franck_00000.pts .. beside its images or its video",
+        f"{root} contains no point file; Talking Face has franck_00000.pts .. beside its images or its video",
     )
     frame_of, video = _frames(root, points)
     files = {frame_of[name]: file for name, file in points.items() if name in frame_of}
@@ -46,7 +45,7 @@ def load(root: Path) -> tuple[Sequence, ...]:
 
 
 def read_truth(files: Mapping[int, Path], frames: int) -> Truth:
-    """The points of a video of so many frames from point files by frame."""
+    """Read the points of a video with this number of frames from its point files, given by frame."""
     last = max(files)
     require(
         last < frames,
@@ -63,27 +62,27 @@ def read_truth(files: Mapping[int, Path], frames: int) -> Truth:
 
 
 def is_fgnet(points: Array) -> bool:
-    """Whether 68 points are in FGnet's order: both pupils lie amid the four points of their eye."""
+    """Whether 68 points are in FGnet's order: both pupils lie at the centre of the four points of their eye."""
     size = float(np.ptp(points, axis=0).max())
     pupils = [(31, slice(27, 31)), (36, slice(32, 36))]
     return all(bool(np.linalg.norm(points[pupil] - points[eye].mean(axis=0)) < 0.05 * size) for pupil, eye in pupils)
 
 
 def _frames(root: Path, points: Mapping[str, Path]) -> tuple[dict[str, int], Path]:
-    """Which frame each name is, and the video or the folder of images."""
+    """The frame index for each name, and the video or the folder of images."""
     images = [p for p in sorted(root.rglob("*")) if p.suffix.lower() in IMAGE_SUFFIXES]
     if images:
         folder = images[0].parent
         return {p.stem: i for i, p in enumerate(list_images(folder))}, folder
     videos = [p for p in sorted(root.rglob("*")) if p.suffix.lower() in VIDEO_SUFFIXES]
-    require(len(videos) == 1, f"{root} holds no images and {len(videos)} videos; it needs the images or one video")
+    require(len(videos) == 1, f"{root} contains no images and {len(videos)} videos; it needs the images or one video")
     return {name: _number(file) for name, file in points.items()}, videos[0]
 
 
 def _number(file: Path) -> int:
     digits = re.search(r"(\d+)$", file.stem)
     if digits is None:
-        raise MienError(f"{file} has no number at the end of its name, which would say its frame")
+        raise MienError(f"{file} has no frame number at the end of its name; rename it like franck_00000.pts")
     return int(digits.group(1))
 
 
@@ -92,10 +91,10 @@ def _has_braces(file: Path) -> bool:
 
 
 def _read_points(file: Path, braces: bool) -> Array:
-    """(68, 2) as the file has them."""
+    """The points (68, 2) as in the file."""
     require(
         _has_braces(file) == braces,
-        f"{file} has another format than the first point file; all must be written alike",
+        f"{file} has another format than the first point file; all must have the same",
     )
     if braces:
         return read_landmarks(file).points + PTS_ORIGIN
