@@ -88,7 +88,7 @@ def test_a_model_by_hand(tmp_path: Path) -> None:
     ("old", "new", "line", "said"),
     [
         ("# VERTEX LIST:\n3", "# VERTEX LIST:\nthree", 3, "number of vertices"),
-        ("# VERTEX LIST:\n3", "# VERTEX LIST:\n9999999999", 3, "number of vertices, which has lines for each"),
+        ("# VERTEX LIST:\n3", "# VERTEX LIST:\n9999999999", 3, "number of vertices, with a line for each"),
         ("1 0 0 ", "1 0 ", 5, "3 numbers"),
         ("0 1 0.5", "0 1 nan", 6, "finite"),
         ("0 2 1", "0 3 1", 10, "one of 3 vertex entries and found 3"),

@@ -2,8 +2,8 @@
 
 J. Ahlberg, CANDIDE-3: an updated parameterised face, LiTH-ISY-R-2326, Linkoeping University, 2001.
 Axes: x to the subject's left, y up, z out of the face. One unit is about half the height of a face.
-A perspective camera sees only `s / t`, so inside mien `s = 1` and lengths are CANDIDE units;
-`mm_per_unit` gives the scale at the boundary.
+A perspective camera observes only `s / t`, so mien uses `s = 1` and lengths in CANDIDE units internally;
+`mm_per_unit` converts them for output.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ TRACKED_UNITS = (
 INTERPUPILLARY_MM = 63.0
 _PUPILS = ((67, 68, 71, 72), (69, 70, 73, 74))  # iris corners of the left and of the right eye
 _EYE_OPENINGS = ((20, 97, 21, 105, 23, 107, 22, 99), (53, 98, 54, 106, 56, 108, 55, 100))
-_LID_MEETS = 0.25
-"""Where lids meet, above the lower one, as a share of the opening: as in CANDIDE-3's unit `eyes_closed`."""
+_LID_MEETING_HEIGHT = 0.25
+"""Height above the lower lid at which lids meet, as a fraction of the opening, as in CANDIDE-3's `eyes_closed`."""
 MOUTH_TRIANGLES = ((88, 81, 83), (83, 81, 40), (40, 81, 87), (87, 82, 40), (40, 82, 84), (84, 82, 89))
-"""Surfaces between the lips, where CANDIDE has a hole; `Candide.triangles` does not hold them."""
+"""Triangles between the lips, where CANDIDE has a hole; they are not part of `Candide.triangles`."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Candide:
     """The parameterised face: mean shape, shape units, animation units, triangles.
 
     mean: (V, 3) `gbar`; triangles: (T, 3) vertex indices, counter-clockwise seen from outside;
-    shape_units: (K, V, 3) `S`; animation_units: (L, V, 3) `A`; the names belong to their rows.
+    shape_units: (K, V, 3) `S`; animation_units: (L, V, 3) `A`; names are in the order of the rows.
     """
 
     mean: Array
@@ -58,7 +58,7 @@ class Candide:
     @staticmethod
     @cache
     def default(surfaces: int = 184) -> Candide:
-        """The model of the package with 184 surfaces, or the 168 of version 3.1.3, without eyeballs."""
+        """The built-in model with 184 surfaces, or with the 168 of version 3.1.3, which has no eyeballs."""
         require(surfaces in (184, 168), f"CANDIDE-3 has 184 or 168 surfaces, not {surfaces}")
         model = _load_tables()
         return model if surfaces == 184 else _close_eyes(model)
@@ -77,7 +77,7 @@ class Candide:
         return np.asarray(s * vertices @ R.T + t)
 
     def with_units(self, names: tuple[str, ...] = TRACKED_UNITS) -> Candide:
-        """The same model with only these animation units, in this order."""
+        """The same model with only these animation units, in this order. Raises MienError if it lacks one."""
         missing = [n for n in names if n not in self.animation_unit_names]
         require(
             not missing,
@@ -87,8 +87,8 @@ class Candide:
         return replace(self, animation_unit_names=names, animation_units=self.animation_units[rows])
 
     def with_whole_brows(self) -> Candide:
-        """The same model, with the inner brow raiser (AU1) added to the outer one (AU2), where it has both: one muscle
-        lifts the whole brow, and few people can move a half of it."""
+        """The same model with the inner brow raiser (AU1) added to the outer one (AU2), if it has both: one muscle
+        lifts the whole brow, and few people can move only half of it."""
         outer, inner = "outer_brow_raiser", "inner_brow_raiser"
         if not {outer, inner} <= set(self.animation_unit_names):
             return self
@@ -97,7 +97,7 @@ class Candide:
         return replace(self, animation_units=units)
 
     def turned(self, R: Array) -> Candide:
-        """The same face in other axes: every vertex and unit multiplied by a rotation R (3, 3)."""
+        """The same model in rotated axes: every vertex and unit is multiplied by R (3, 3)."""
         return replace(
             self,
             mean=self.mean @ R.T,
@@ -107,20 +107,22 @@ class Candide:
 
 
 def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -> float:
-    """Millimetres in one CANDIDE unit for a face (V, 3) whose pupils are so far apart."""
+    """Millimetres per CANDIDE unit for a face (V, 3) with this distance between its pupils."""
     left, right = (vertices[list(corners)].mean(axis=0) for corners in _PUPILS)
     return float(interpupillary_mm / np.linalg.norm(left - right))
 
 
 def lid_ways(share: float) -> tuple[float, float]:
-    """How far an upper lid and the lower one go towards each other, shares of the opening, in eyes that have closed by
-    a share."""
-    return share * (1 - _LID_MEETS), share * _LID_MEETS
+    """Displacements of the upper and the lower lid towards each other, as fractions of the eye opening, for an eye
+    closure `share`."""
+    return share * (1 - _LID_MEETING_HEIGHT), share * _LID_MEETING_HEIGHT
 
 
 def with_eyes_closed(vertices: Array, share: float) -> Array:
-    """A face (V, 3) in head axes with both eyes closed by a share of their opening. CANDIDE-3's unit `eyes_closed`
-    closes those of its mean face; eyes of a person may be wider."""
+    """The vertices (V, 3), head axes, with both eyes closed by a fraction of their opening.
+
+    CANDIDE-3's unit `eyes_closed` fits the eyes of its mean face only; those of a person may be wider.
+    """
     out = vertices.copy()
     for (_, u1, u2, u3, _, l1, l2, l3), iris in zip(_EYE_OPENINGS, _PUPILS, strict=True):
         upper, lower = [u1, u2, u3], [l3, l2, l1]
@@ -157,7 +159,7 @@ def _read(table: str) -> Iterator[dict[str, str]]:
 
 
 def _close_eyes(model: Candide) -> Candide:
-    """Replace the 28 surfaces of the eyeballs by a strip of six across each eye's opening."""
+    """Replace the 28 triangles of the eyeballs by a strip of six across the opening of each eye."""
     iris = [v for eye in _PUPILS for v in eye]
     kept = model.triangles[~np.isin(model.triangles, iris).any(axis=1)]
     strips = []
@@ -167,7 +169,7 @@ def _close_eyes(model: Candide) -> Candide:
 
 
 def outward(mean: Array, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Order the corners so that normals point out of the face; the report's lists mix both orders."""
+    """Order the corners of triangles so that normals point out of the face; the report's lists mix both orders."""
     a, b, c = (mean[triangles[:, k], :2] for k in range(3))
     inward = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
     return np.where(inward[:, None], triangles[:, [0, 2, 1]], triangles)

@@ -1,9 +1,9 @@
-"""The `.wfm` format, the model's own: read and write, so that a user can bring another face model.
+"""Read and write `.wfm`, CANDIDE's own file format, so that users can supply another face model.
 
-Eight lists in this order, each of which starts with its count; `#` starts a comment, and the comment before a
-unit names it: vertices `x y z`, triangles `a b c`, animation units and shape units (each a count of vertices,
-then `vertex dx dy dz`), animation parameters and shape parameters `unit value`, texture coordinates
-`vertex u v` and the name of the texture's file, and the global motion: rotation, scale and translation.
+A file contains eight lists in this order, each preceded by its count; `#` starts a comment, and the comment before a
+unit is its name: vertices `x y z`, triangles `a b c`, animation units and shape units (each a count of vertices, then
+`vertex dx dy dz`), animation parameters and shape parameters `unit value`, texture coordinates `vertex u v` with the
+name of the texture file, and the global motion: rotation, scale and translation.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class Wfm:
 
     @classmethod
     def neutral(cls, model: Candide) -> Wfm:
-        """The model at rest: no animation, mean shape, no texture."""
+        """The neutral state of a model: no animation, mean shape, no texture."""
         return cls(model, np.zeros(len(model.animation_units)), np.zeros(len(model.shape_units)))
 
 
 def read_wfm(path: str | Path) -> Wfm:
-    """Read a `.wfm` file. Raises MienError with the file and the line where it breaks the format."""
+    """Read a `.wfm` file. Raises MienError naming the file and the line that violates the format."""
     lines = _Lines(Path(path))
     rows = [lines.row("a vertex", float, float, float) for _ in range(lines.count("vertices"))]
     mean = np.array([values for values, _ in rows]).reshape(-1, 3)
@@ -71,7 +71,7 @@ def read_wfm(path: str | Path) -> Wfm:
 
 
 def write_wfm(path: str | Path, wfm: Wfm) -> None:
-    """Write a `.wfm` file that `read_wfm` gives back unchanged."""
+    """Write a `.wfm` file; `read_wfm` restores it exactly."""
     model = wfm.model
     vertices = [f"{_numbers(x)} # {name}" for x, name in zip(model.mean, model.vertex_names, strict=True)]
     texture = [f"{vertex} {_numbers(uv)}" for vertex, uv in wfm.texture.items()]
@@ -91,7 +91,7 @@ def write_wfm(path: str | Path, wfm: Wfm) -> None:
 
 
 class _Lines:
-    """The lines of a file that hold more than a comment, one after the other."""
+    """Iterates over the lines of a file that contain more than a comment."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.number, self.heading = path, 0, ""
@@ -101,11 +101,11 @@ class _Lines:
             raise MienError(f"{path}: cannot be read ({error.strerror}); check the path") from error
 
     def fail(self, expected: str, found: str) -> NoReturn:
-        """Raise the one error of this reader."""
+        """Raise the MienError of this reader."""
         raise MienError(f"{self.path}, line {self.number}: expected {expected} and found {found}; correct the file")
 
     def next(self, expected: str) -> tuple[str, str]:
-        """The next line, as text and comment. `heading` becomes the last comment that stood on its own."""
+        """The next line, as text and comment. Sets `heading` to the last comment on a line of its own before it."""
         self.heading = ""
         while self.number < len(self._lines):
             text, _, comment = self._lines[self.number].partition("#")
@@ -116,14 +116,14 @@ class _Lines:
         self.fail(expected, "the end of the file")
 
     def count(self, of: str) -> int:
-        """The count that a list starts with."""
+        """Read the count before a list."""
         text, _ = self.next(f"the number of {of}")
         if not text.isdecimal() or int(text) > len(self._lines):
-            self.fail(f"the number of {of}, which has lines for each", repr(text))
+            self.fail(f"the number of {of}, with a line for each", repr(text))
         return int(text)
 
     def row(self, what: str, *columns: Callable[[str], float]) -> tuple[tuple[float, ...], str]:
-        """One row of a list, each column read by its own function, and the comment behind it."""
+        """Read a row of a list, each column with its own function; returns the values and the comment after them."""
         text, comment = self.next(what)
         words = text.split()
         try:
@@ -137,7 +137,7 @@ class _Lines:
         return values, comment
 
     def index_below(self, bound: int, of: str) -> Callable[[str], int]:
-        """A column that holds an index into a list of this length."""
+        """A column reader for an index into a list of this length."""
 
         def column(word: str) -> int:
             index = int(word)
@@ -180,7 +180,7 @@ def _read_texture(lines: _Lines, vertex: Callable[[str], int]) -> tuple[dict[int
 
 
 def _vertex_names(comments: list[str]) -> tuple[str, ...]:
-    """The comments behind the vertices; without them CANDIDE's names for as many vertices, else numbers."""
+    """The comments after the vertices; without them CANDIDE's names for the same number of vertices, else numbers."""
     if all(comments):
         return tuple(comments)
     known = Candide.default().vertex_names

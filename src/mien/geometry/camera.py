@@ -15,7 +15,7 @@ from mien.errors import require
 from mien.geometry.rotation import Array
 
 DEFAULT_FOV_DEG = 60.0
-"""Horizontal field of view that is assumed when nothing is known of the camera."""
+"""Horizontal field of view assumed for an unknown camera."""
 
 
 @dataclass(frozen=True)
@@ -29,29 +29,29 @@ class Camera:
     def __post_init__(self) -> None:
         values = (self.focal_px, self.cx, self.cy)
         numbers = all(isinstance(v, Real) and math.isfinite(v) for v in values)
-        require(numbers, f"camera {values} holds a value that is no finite number")
+        require(numbers, f"camera {values} contains a value that is not a finite number")
         require(self.focal_px > 0, f"the focal length must be positive, not {self.focal_px:g} pixels")
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float = DEFAULT_FOV_DEG) -> Camera:
-        """Camera of an image (pixels) with a horizontal field of view in degrees, centred."""
+        """Centred camera for an image of this size in pixels, with a horizontal field of view in degrees."""
         require(0 < fov_deg < 180, f"the field of view must lie between 0 and 180 degrees, not {fov_deg:g}")
         return cls.centred(0.5 * width / math.tan(math.radians(fov_deg) / 2), width, height)
 
     @classmethod
     def centred(cls, focal_px: float, width: int, height: int) -> Camera:
-        """Camera with its principal point in the centre of an image of this size in pixels."""
+        """Camera with its principal point at the centre of an image of this size in pixels."""
         return cls(float(focal_px), 0.5 * (width - 1), 0.5 * (height - 1))
 
     @property
     def vector(self) -> Array:
-        """(3,) focal length and principal point, as kernels take them."""
+        """(3,) focal length and principal point, the format of the kernels."""
         return np.array([self.focal_px, self.cx, self.cy], dtype=float)
 
     def project(self, X: Array) -> tuple[Array, NDArrayBool]:
-        """Image points of camera points, and which of them lie in front of the camera.
+        """Project points to the image, with a mask of those in front of the camera.
 
-        (..., 3) in camera axes -> (..., 2) in pixels, (...) bool. Points behind the camera come back as NaN.
+        (..., 3) in camera axes -> (..., 2) in pixels, (...) bool. Points behind the camera are NaN.
         """
         z = X[..., 2:]
         valid = z > 1e-6
@@ -60,13 +60,13 @@ class Camera:
         return points, valid[..., 0]
 
     def in_image(self, X: Array, width: int, height: int) -> NDArrayBool:
-        """Which camera points (..., 3) are seen in an image of this size in pixels: (...) bool."""
+        """Mask (...) of the points (..., 3), camera axes, that project into an image of this size in pixels."""
         u, v, z = self.focal_px * X[..., 0], self.focal_px * X[..., 1], X[..., 2]
         across = (u >= -self.cx * z) & (u <= (width - 1 - self.cx) * z)
         return np.asarray((z > 1e-6) & across & (v >= -self.cy * z) & (v <= (height - 1 - self.cy) * z))
 
     def J_pixel_point(self, X: Array) -> Array:
-        """Jacobian of `project`: pixels by camera point. (..., 3) -> (..., 2, 3)."""
+        """Jacobian of `project`: pixels with respect to camera points. (..., 3) -> (..., 2, 3)."""
         x, y, z = X[..., 0], X[..., 1], X[..., 2]
         f_z = self.focal_px / z
         J = np.zeros((*X.shape[:-1], 2, 3))
@@ -78,10 +78,10 @@ class Camera:
 
 
 def back_project(points: Array, camera: Camera) -> Array:
-    """Pixels with relative depths in pixels -> camera axes, the head's centre at a distance of the focal
-    length.
+    """Back-project pixels with relative depths in pixels to camera axes, with the head's centre at a distance of one
+    focal length.
 
-    (n, 3) -> (n, 3); at that distance a pixel is a unit of length.
+    (n, 3) -> (n, 3); at that distance one pixel corresponds to one unit of length.
     """
     z = camera.focal_px + points[:, 2]
     x = (points[:, 0] - camera.cx) * z / camera.focal_px

@@ -1,8 +1,8 @@
-"""Rotations: exponential map, its inverse, and the one place that states an order of Euler angles.
+"""Rotations: exponential map, its inverse, and the only place that defines an order of Euler angles.
 
 Head axes are CANDIDE's (x to the subject's left, y up, z out of the face); camera axes are x right,
-y down, z forward. A head that looks into the camera has `R_camera_head = FACING`, and every reported
-angle is that of `R_camera_head @ FACING`, which is then the identity.
+y down, z forward. A head that faces the camera has `R_camera_head = FACING`; all reported angles are those
+of `R_camera_head @ FACING`, which is then the identity.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FACING: Array = np.diag([1.0, -1.0, -1.0])
-"""(3, 3) rotation head -> camera of a face that looks into the camera."""
+"""(3, 3) rotation head -> camera of a face that faces the camera."""
 
 
 def hat(v: Array) -> Array:
@@ -42,7 +42,7 @@ def log(R: Array) -> Array:
         return np.asarray(w * (np.arctan2(sine, cosine) / sine))
     if cosine > 0:
         return w
-    # Near pi the antisymmetric part vanishes; the axis is the column of R + I that is longest.
+    # Near pi the antisymmetric part vanishes; the axis is the longest column of R + I.
     B = R + np.eye(3)
     axis = B[:, int(np.argmax(np.diag(B)))]
     return np.asarray(np.pi * axis / np.linalg.norm(axis))
@@ -78,19 +78,19 @@ def matrix_from_euler(angles: Array) -> Array:
 
 
 def euler_jacobian(R: Array) -> Array:
-    """J with `euler(exp(w) R) = euler(R) + J w` to first order: angles by rotation vector in camera axes.
+    """J with `euler(exp(w) R) = euler(R) + J w` to first order: Euler angles by rotation vector in camera axes.
 
-    (3, 3) -> (3, 3). Singular where the middle angle is 90 degrees.
+    (3, 3) -> (3, 3). Singular if the middle angle is 90 degrees.
     """
     x, y, _ = euler_from_matrix(R)
     sx, cx, sy, cy = np.sin(x), np.cos(x), np.sin(y), np.cos(y)
-    # Columns: the axes about which x, y and z turn, in camera axes.
+    # Columns: the rotation axes of the angles x, y and z, in camera axes.
     axes = np.array([[1.0, 0.0, sy], [0.0, cx, -sx * cy], [0.0, sx, cx * cy]])
     return np.linalg.inv(axes) if abs(cy) > 1e-6 else np.asarray(np.linalg.pinv(axes))
 
 
 def ray_rotation(X: Array) -> Array:
-    """Shortest rotation (3, 3) that turns the optical axis into the ray to a point X (3,) in camera axes."""
+    """Smallest rotation (3, 3) of the optical axis onto the ray to a point X (3,) in camera axes."""
     x, y, z = (X / math.sqrt(X @ X)).tolist()
     k = 1 / (1 + z)
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
@@ -112,16 +112,16 @@ def angle_between(Ra: Array, Rb: Array) -> Array:
 
 
 def rotation_onto(source: Array, target: Array) -> tuple[Array, float]:
-    """R (3, 3) with the least squares of `target - R source` about the origin, and the sum of their products; (n, 3),
-    (n, 3). Wahba's problem."""
+    """Wahba's problem: R (3, 3) that minimises the squares of `target - R source`, for points (n, 3), and the sum of
+    the scalar products of `target` and `R source`."""
     U, S, Vt = np.linalg.svd(target.T @ source)
     D = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
     return U @ D @ Vt, float((S * np.diag(D)).sum())
 
 
 def similarity(source: Array, target: Array) -> tuple[float, Array, Array]:
-    """s, R (3, 3), t (3,) with the least squares of `target - (s R source + t)`; (n, 3), (n, 3). Umeyama
-    1991.
+    """Similarity s, R (3, 3), t (3,) that minimises the squares of `target - (s R source + t)`, for points (n, 3).
+    Umeyama 1991.
     """
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     R, overlap = rotation_onto(a, b)
