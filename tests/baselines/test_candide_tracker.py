@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from mien.baselines.candide_tracker import CandideTracker, Found
+from mien.baselines.candide_tracker import CandideTracker, SearchResult
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.rotation import Array
@@ -19,13 +19,13 @@ from small_motion import face
 class Scripted(CandideTracker):
     """Finds what it is told to find."""
 
-    least_likeness = 0.5
+    least_similarity = 0.5
 
     def _learn(self, frame: Frame) -> None:
-        self.script: list[Found] = []
+        self.script: list[SearchResult] = []
         self.adapted_offset: list[Array] = []
 
-    def _search(self, frame: Frame) -> Found:
+    def _search(self, frame: Frame) -> SearchResult:
         return self.script.pop(0)
 
     def _adapt(self, frame: Frame) -> None:
@@ -46,7 +46,7 @@ def _moved(tracker: Scripted, dx: float) -> Array:
 def test_what_is_found_is_the_state_and_is_learned_from() -> None:
     tracker = _started()
     b = _moved(tracker, 0.1)
-    tracker.script = [Found(b, 0.9)]
+    tracker.script = [SearchResult(b, 0.9)]
     estimate = tracker.track(face().frame)
     assert estimate.status is Status.TRACKED
     assert estimate.translation is not None
@@ -60,7 +60,12 @@ def test_what_is_found_is_the_state_and_is_learned_from() -> None:
 def test_a_face_that_looks_like_nothing_is_lost_and_found_from_where_it_was() -> None:
     tracker = _started()
     good = _moved(tracker, 0.1)
-    tracker.script = [Found(good, 0.9), Found(_moved(tracker, 0.5), 0.3), Found(good, 0.9), Found(good, 0.9)]
+    tracker.script = [
+        SearchResult(good, 0.9),
+        SearchResult(_moved(tracker, 0.5), 0.3),
+        SearchResult(good, 0.9),
+        SearchResult(good, 0.9),
+    ]
     estimates = [tracker.track(face().frame) for _ in range(4)]
     statuses = [e.status for e in estimates]
     assert statuses == [Status.TRACKED, Status.LOST, Status.RECOVERED, Status.TRACKED]
@@ -74,7 +79,10 @@ def test_a_face_that_looks_like_nothing_is_lost_and_found_from_where_it_was() ->
 def test_a_face_that_left_the_image_is_waited_for_where_it_began() -> None:
     tracker = _started()
     start = tracker.b
-    tracker.script = [Found(_moved(tracker, 20.0), 1.0), Found(np.r_[start[:5], -start[5], start[6:]], 1.0)]
+    tracker.script = [
+        SearchResult(_moved(tracker, 20.0), 1.0),
+        SearchResult(np.r_[start[:5], -start[5], start[6:]], 1.0),
+    ]
     for _ in range(2):
         estimate = tracker.track(face().frame)
         assert estimate.status is Status.LOST

@@ -12,7 +12,7 @@ from mien.baselines.la_cascia import (
     solve,
     warping_templates,
 )
-from mien.baselines.surface import Pose, cylinder, look, take
+from mien.baselines.surface import Pose, cylinder, look, take_template
 from mien.frame import Frame
 from mien.geometry.rotation import angle_between
 from mien.synthetic import make_sequence, moved
@@ -46,10 +46,10 @@ def test_warping_templates_predict_a_displaced_texture() -> None:
     surface, pose = cylinder(face().fit), Pose(face().fit.R, face().fit.t)
     view = look(face().frame, pose, face().camera)
     assert view is not None
-    first = take(surface, view, pose)
+    first = take_template(surface, view, pose)
     B = warping_templates(surface, view, pose)[0]
     motion = np.array([0.02, -0.02, 0.03, 0.01, 0.02, 0.05])
-    change = take(surface, view, displaced(pose, motion)).values[0] - first.values[0]
+    change = take_template(surface, view, displaced(pose, motion)).values[0] - first.values[0]
     inner = first.cosine > 0.5
     assert np.corrcoef(change[inner], (B @ motion)[inner])[0, 1] > 0.95
 

@@ -20,13 +20,13 @@ from small_motion import face, run
 
 @pytest.fixture(scope="module")
 def head() -> RigidHead:
-    return RigidHead.of(face().frame, face().fit, face().camera, cylinder(face().fit))
+    return RigidHead.from_first_frame(face().frame, face().fit, face().camera, cylinder(face().fit))
 
 
 def test_the_face_is_found_where_it_is(head: RigidHead) -> None:
     shift = np.array([[0.7, -0.3, 0.0]])
     sequence = make_sequence(face(), moved(face(), np.zeros((1, 3)), shift, np.zeros((1, 6))))
-    found = head.relocated(sequence.frames[0])
+    found = head.relocate(sequence.frames[0])
     np.testing.assert_allclose(found.t, sequence.t[0], atol=0.08)
     np.testing.assert_allclose(found.R, face().fit.R)
 

@@ -15,7 +15,7 @@ from mien.baselines.surface import (
     ellipsoid,
     look,
     register,
-    take,
+    take_template,
 )
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -59,10 +59,10 @@ def test_the_jacobian_is_the_derivative_of_the_view(surface: Surface) -> None:
     pose = Pose(face().fit.R, face().fit.t)
     view = look(face().frame, pose, face().camera)
     assert view is not None
-    template = take(surface, view, pose)
+    template = take_template(surface, view, pose)
     r = compare(surface, template, view, pose, 0)
     for k, axis in enumerate(np.eye(6)):
-        plus, minus = (take(surface, view, pose.moved(s * 5e-3 * axis)).values[0, r.rows] for s in (1, -1))
+        plus, minus = (take_template(surface, view, pose.moved(s * 5e-3 * axis)).values[0, r.rows] for s in (1, -1))
         slope = (plus - minus) / 1e-2
         assert np.corrcoef(slope, r.J[:, k])[0, 1] > 0.97
         assert (slope @ r.J[:, k]) / (r.J[:, k] @ r.J[:, k]) == pytest.approx(1, abs=0.1)
@@ -77,7 +77,7 @@ def test_registration_finds_a_known_motion(surface: Surface) -> None:
     first, second = (look(f, poses[0], face().camera) for f in sequence.frames)
     assert first is not None
     assert second is not None
-    r = register(surface, take(surface, first, poses[0]), second, poses[0], _by_cosine)
+    r = register(surface, take_template(surface, first, poses[0]), second, poses[0], _by_cosine)
     assert r is not None
     assert np.degrees(angle_between(r.pose.R, poses[1].R)) < 2.5
     assert np.abs(r.pose.t - poses[1].t)[:2].max() < 0.05

@@ -1,1 +1,1 @@
-"""The trackers of the Table 1 of the paper, and peers, one file each."""
+"""The trackers of Table 1 of the paper, and other software, one module each."""

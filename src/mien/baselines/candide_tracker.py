@@ -1,4 +1,4 @@
-"""What the CANDIDE-based trackers of Table 1 share: the first frame, the rendered views, when the face is lost."""
+"""Shared by the CANDIDE-based trackers of Table 1: the first frame, the rendered views, the detection of loss."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ from mien.tracking.tracker import CROP_SIZE_UNITS, in_view
 
 VERTICES = list(LANDMARK_VERTICES.values())
 PIXELS_PER_UNIT = 64.0
-"""Size of a CANDIDE unit in the crops that the trackers look at, in pixels."""
+"""Size of a CANDIDE unit in the trackers' crops, in pixels."""
 CROP_SIZE = round(CROP_SIZE_UNITS * PIXELS_PER_UNIT)
 BLUR = 1.0
-"""Standard deviation in crop pixels of the Gaussian that frames and views are smoothed with."""
+"""Standard deviation, in crop pixels, of the Gaussian that smooths frames and views."""
 
 
 @dataclass(frozen=True)
-class Found:
-    """Where a search ended: state (12,), and how alike to the first frame's face what it found there is.
+class SearchResult:
+    """Result of a search: state (12,), and similarity of the face found there to that of the first frame.
 
-    likeness is at most 1, and 1 for the very face; each tracker says by what it measures it.
+    The similarity is at most 1, for an identical face; each tracker defines its own measure.
     """
 
     b: Array
-    likeness: float
+    similarity: float
 
 
 class CandideTracker(ABC):
     """A tracker of CANDIDE's state b, Eq. (2), that learns from the first frame and searches in every other.
 
-    A face is lost where no more than a quarter of the landmarks is in the image, or where the likeness of what
-    was found is below `least_likeness`. The search goes on from the first frame's state in the one case and
-    from the last state that was good in the other.
+    A face is lost if no more than a quarter of the landmarks are in the image, or if the similarity of the result is
+    below `least_similarity`. The search then continues from the first frame's state in the first case, and from the
+    last good state in the second.
     """
 
-    least_likeness: float
+    least_similarity: float
     animated = True
-    """Whether the tracker estimates the animation; otherwise it stays the first frame's."""
+    """Whether the tracker estimates the animation; otherwise it stays that of the first frame."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its face."""
@@ -65,14 +65,14 @@ class CandideTracker(ABC):
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
-        """Search the face in the next frame."""
+        """Search for the face in the next frame."""
         found = self._search(frame)
         if not in_view(self.landmarks.in_camera(found.b), self.camera, frame):
             self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
             return self._lost(frame, "the face left the image")
-        if found.likeness < self.least_likeness:
+        if found.similarity < self.least_similarity:
             return self._lost(
-                frame, f"nothing found that looks like the face: {found.likeness:.2f} < {self.least_likeness:g}"
+                frame, f"nothing found that looks like the face: {found.similarity:.2f} < {self.least_similarity:g}"
             )
         self.b = found.b
         self._adapt(frame)
@@ -81,21 +81,21 @@ class CandideTracker(ABC):
         return self._estimate(frame, status)
 
     def mesh(self, estimate: Estimate) -> Array | None:
-        """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
+        """Vertices (113, 3) in camera axes for an estimate of this tracker, None if the face is lost."""
         if estimate.rotation is None or estimate.translation is None:
             return None
         return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
 
     @abstractmethod
     def _learn(self, frame: Frame) -> None:
-        """Learn from the first frame, to which `fit` is the fit."""
+        """Learn from the first frame, whose fit is `fit`."""
 
     @abstractmethod
-    def _search(self, frame: Frame) -> Found:
-        """Find the state of a frame from the last one, `b`."""
+    def _search(self, frame: Frame) -> SearchResult:
+        """Find the state of a frame, starting from the last one, `b`."""
 
     def _adapt(self, frame: Frame) -> None:  # noqa: B027 (most of these trackers do not)
-        """Learn from a frame that was tracked, whose state is `b`."""
+        """Learn from a tracked frame, whose state is `b`."""
 
     def _lost(self, frame: Frame, reason: str) -> Estimate:
         self._was_lost = True
@@ -105,12 +105,12 @@ class CandideTracker(ABC):
         R, t, animation = unpack(self.b)
         X = self.landmarks.in_camera(self.b)
         tracked = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X)
-        told = animation if self.animated else None
-        return Estimate(frame.index, frame.time, status, R, t, told, None, tracked, 1.0, self.fit.mm_per_unit)
+        reported = animation if self.animated else None
+        return Estimate(frame.index, frame.time, status, R, t, reported, None, tracked, 1.0, self.fit.mm_per_unit)
 
 
 def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
-    """The crop of the face in state b, in which it has the size that it has in the views."""
+    """The crop around the face in state b, in which the face has the same size as in the rendered views."""
     R, t, _ = unpack(b)
     return crop_of_face(R, t, camera, PIXELS_PER_UNIT, CROP_SIZE, upright=upright)
 
@@ -118,16 +118,16 @@ def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
 def views_of_first_frame(
     frame: Frame, fit: FirstFrame, camera: Camera, rotations: Sequence[Array]
 ) -> Iterator[tuple[Float32, Array]]:
-    """The first frame's face turned: smoothed grey crops and the vertices in them (V, 2).
+    """Rotated views of the first frame's face: smoothed grey crops, and the vertices (V, 2) in them.
 
-    An open mouth has a surface of its own: features at the lips would otherwise see through it.
+    The mouth opening has its own triangles; otherwise features at the lips would see through it.
     """
     triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
     return rendered_views(frame, fit, camera, triangles, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)
 
 
 def require_scikit_learn(tracker: str) -> None:
-    """MienError unless scikit-learn, which the tracker of this name needs, is installed."""
+    """Raise MienError, naming the tracker, if scikit-learn is not installed."""
     require(
         find_spec("sklearn") is not None,
         f"the tracker {tracker!r} needs scikit-learn: pip install scikit-learn",

@@ -1,14 +1,12 @@
 """Y. Chen and F. Davoine, Simultaneous tracking of rigid head motion and non-rigid facial animation by
 analyzing local features statistically, BMVC 2006.
 
-The local features are patches of the image at vertices of CANDIDE. Their mean and their variance, value by
-value, are learned from views of the first frame's face, and a frame is tracked by the maximum of the
-likelihood, found by the downhill simplex from the last frame's state. Nothing is updated, and no motion is
-held to be more probable than another.
+The local features are image patches at vertices of CANDIDE. The mean and variance of each of their values are learned
+from views of the first frame's face; in later frames the downhill simplex maximises the likelihood, starting from the
+state of the last frame. There is no adaptation and no motion prior.
 
-Simplifications: the features are the 26 landmarks of this package; a patch is made free of brightness and
-contrast, where the paper compares local distributions of its own; the first frame is fitted to landmarks
-instead of by hand.
+Simplifications: the features are at the 26 landmarks of this package; patches are normalised for brightness and
+contrast, where the paper compares local distributions; the first frame is fitted to landmarks instead of by hand.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ import numpy as np
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import view_rotations
-from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
+from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, SearchResult, face_crop, views_of_first_frame
 from mien.baselines.patches import read_patches
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -31,7 +29,7 @@ from mien.tracking.prior import state_sd
 PATCH_SIZE, PATCH_STEP = 9, 2.0
 VARIANCE_FLOOR = 2e-3
 SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.05)
-"""Standard deviations of the first simplex around the last state."""
+"""Standard deviations of the initial simplex around the last state."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ class PatchStatistics:
         return cls(samples.mean(axis=0), np.maximum(samples.var(axis=0), np.float32(floor)))
 
     def squared_distance(self, patches: Float32) -> Float32:
-        """Squared distance in standard deviations of patches (n, D) from their means: (n,)."""
+        """Squared distances (n,) of patches (n, D) from their means, in standard deviations."""
         return np.asarray(((patches - self.mean) ** 2 / self.variance).sum(axis=1))
 
     def correlation(self, patches: Float32) -> Float32:
@@ -66,7 +64,7 @@ class PatchLikelihood:
     statistics: PatchStatistics
 
     def observe(self, b: Array) -> Float32:
-        """Patches (n, D) at the landmarks that state b projects."""
+        """Patches (n, D) at the projected landmarks of state b."""
         p, _ = self.camera.project(self.landmarks.in_camera(b))
         return read_patches(self.gray, self.crop.to_crop(p), PATCH_SIZE, PATCH_STEP)
 
@@ -77,10 +75,10 @@ class PatchLikelihood:
 class ChenTracker(CandideTracker):
     """Maximum likelihood of patches at CANDIDE's vertices by the simplex (Chen and Davoine 2006).
 
-    The likeness is the mean correlation of the patches with their means.
+    The similarity is the mean correlation of the patches with their means.
     """
 
-    least_likeness = 0.5
+    least_similarity = 0.5
 
     def __init__(self, evaluations: int = 500, seed: int = 0) -> None:
         self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
@@ -90,9 +88,9 @@ class ChenTracker(CandideTracker):
         samples = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
         self.statistics = PatchStatistics.learn(np.stack(samples), VARIANCE_FLOOR)
 
-    def _search(self, frame: Frame) -> Found:
+    def _search(self, frame: Frame) -> SearchResult:
         crop = face_crop(self.b, self.camera)
         gray = crop.sample(frame, BLUR)
         likelihood = PatchLikelihood(self.landmarks, self.camera, crop, gray, self.statistics)
         b = self._simplex.minimize(likelihood, self.b).b
-        return Found(b, float(self.statistics.correlation(likelihood.observe(b)).mean()))
+        return SearchResult(b, float(self.statistics.correlation(likelihood.observe(b)).mean()))

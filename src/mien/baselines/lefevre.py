@@ -1,14 +1,14 @@
 """S. Lefevre and J.-M. Odobez, Structure and appearance features for robust 3D facial actions tracking, ICME 2009.
 
-Two kinds of features, one error. Structure: patches around landmarks, free of brightness and contrast, whose
-statistics are learned from rendered views and never change; they keep the track from drifting. Appearance: the
-grey values at many random points of the mesh, each a Gaussian that begins at the first frame and adapts to
-every frame that was tracked; they make it accurate. The mesh reaches around the sides of the head, and the
-appearance of the points there is collected when a turned head first shows them. A dynamic term keeps the state
-near the last one; the downhill simplex finds the least error.
+One error combines two kinds of features. Structure: patches around landmarks, normalised for brightness and contrast,
+whose statistics are learned from rendered views and never change; they prevent drift. Appearance: grey values at many
+random points of the mesh, each modelled by a Gaussian that starts at the first frame and adapts to every tracked frame;
+they provide accuracy. The mesh extends around the sides of the head, and the appearance of the points there is learned
+when a turned head first shows them. A dynamic term keeps the state close to the last one; the downhill simplex
+minimises the error.
 
-Simplifications: the sides of the head are two flat strips that go back from the mesh's outline; a point counts
-while its surface faces the camera; what faces the camera is decided once a frame, at the last state.
+Simplifications: the sides of the head are two flat strips that extend back from the mesh's outline; a point counts as
+visible if its surface faces the camera; visibility is decided once per frame, at the last state.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mien.appearance.crop import Crop, Float32
 from mien.appearance.views import view_rotations
-from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, Found, face_crop, views_of_first_frame
+from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, SearchResult, face_crop, views_of_first_frame
 from mien.baselines.chen import PatchStatistics
 from mien.baselines.patches import read_patches, sample
 from mien.frame import Frame
@@ -35,15 +35,15 @@ from mien.tracking.state import Mask, unpack
 PATCH_SIZE, PATCH_STEP = 9, 2.0
 VARIANCE_FLOOR = 2e-3
 FACE_POINTS, SIDE_POINTS = 200, 60
-"""How many random points there are on the face and on both sides of the head together."""
+"""Number of random points on the face, and on both sides of the head together."""
 SIDES = ((47, 62, 61, 63), (14, 29, 28, 30))
 """The mesh's outline on the right and on the left of the subject, from the temple to the jaw."""
 SIDE_DEPTH = 0.7
-"""How far the sides go back from the outline, in CANDIDE units."""
+"""Extent of the sides behind the outline, in CANDIDE units."""
 FACING_COSINE = 0.3
-"""Least cosine between a surface's normal and the view for which its points count."""
+"""Cosine between normal and viewing ray below which a point counts as hidden."""
 INITIAL_SD, LEAST_SD = 12.0, 6.0
-"""Standard deviation in grey values of a point's appearance at first, and at least."""
+"""Initial and minimum standard deviation of a point's appearance, in grey values."""
 FORGETTING = 0.1
 STRUCTURE_WEIGHT, APPEARANCE_WEIGHT = 30.0, 30.0
 DYNAMIC_SD = state_sd(5.0, 0.15, 0.4, 0.15)
@@ -52,9 +52,9 @@ SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.05)
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """Random points of the head's surface: n points, the first of them on the face.
+    """n random points of the head's surface, those on the face first.
 
-    model: positions and units of the points; normals: (n, 3) outward, in head axes, of the first frame's face.
+    model: positions and animation units of the points; normals: (n, 3) outward, head axes, of the first frame's face.
     """
 
     model: LandmarkModel
@@ -62,7 +62,7 @@ class SurfacePoints:
 
     @classmethod
     def draw(cls, fit: FirstFrame, rng: np.random.Generator, side_points: int = SIDE_POINTS) -> SurfacePoints:
-        """Points of the fitted face, and of the sides of the head, evenly by area."""
+        """Sample points of the fitted face and of the sides of the head, uniformly by area."""
         units = fit.model.animation_units
         vertices, fields, sides = with_sides(fit.shape, units)
         face, face_units, face_normals = _draw(vertices, fields, fit.model.triangles, FACE_POINTS, rng)
@@ -78,7 +78,8 @@ class SurfacePoints:
 
 
 def with_sides(shape: Array, units: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-    """The vertices (V, 3) and units (6, V, 3) with the sides' far edges behind them, and the sides' triangles."""
+    """Vertices (V, 3) and animation units (6, V, 3) with those of the sides' far edges appended, and the triangles of
+    the sides."""
     triangles, first = [], len(shape)
     edges = [v for side in SIDES for v in side]
     far = shape[edges] - np.array([0.0, 0.0, SIDE_DEPTH])
@@ -94,7 +95,7 @@ def with_sides(shape: Array, units: Array) -> tuple[Array, Array, NDArray[np.int
 def _draw(
     vertices: Array, units: Array, triangles: NDArray[np.intp], count: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Positions (count, 3), units (6, count, 3) and normals (count, 3) of random points of a surface."""
+    """Positions (count, 3), animation units (6, count, 3) and normals (count, 3) of random points of a surface."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
@@ -108,7 +109,7 @@ def _draw(
 
 @dataclass(frozen=True)
 class Appearance:
-    """Gaussians of the grey values of n points: mean (n,), variance (n,), and which have been seen at all (n,)."""
+    """Gaussians of the grey values of n points: mean (n,), variance (n,), and a mask (n,) of points seen so far."""
 
     mean: Float32
     variance: Float32
@@ -121,11 +122,11 @@ class Appearance:
         )  # fmt: skip
 
     def squared_distance(self, values: Float32) -> Float32:
-        """Squared distance in standard deviations (n,) of grey values (n,)."""
+        """Squared distances (n,) of grey values (n,) from the means, in standard deviations."""
         return np.asarray((values - self.mean) ** 2 / self.variance)
 
     def adapt(self, values: Float32, seen: Mask) -> Appearance:
-        """Move towards the grey values (n,) of the points that were seen; a point seen first is what was seen."""
+        """Update the Gaussians with grey values (n,) of visible points; new points start at their value."""
         again = seen & self.known
         innovation = (values - self.mean) ** 2
         mean = np.where(again, (1 - FORGETTING) * self.mean + FORGETTING * values, self.mean)
@@ -136,16 +137,13 @@ class Appearance:
 
 
 def robust(squared: Float32) -> Float32:
-    """Cauchy's function of a squared distance: what is far off counts little more."""
+    """Cauchy's robust function of a squared distance, which limits the influence of outliers."""
     return np.asarray(np.log1p(squared))
 
 
 @dataclass(frozen=True)
 class StructureAndAppearance:
-    """The error of a state in one frame.
-
-    visible: (n,) the points of the surface that count in this frame.
-    """
+    """The error of a state in one frame. visible: (n,) mask of the surface points that are used in this frame."""
 
     landmarks: LandmarkModel
     structure: PatchStatistics
@@ -178,10 +176,10 @@ class StructureAndAppearance:
 class LefevreTracker(CandideTracker):
     """Structure and appearance features with a dynamic term (Lefevre and Odobez 2009).
 
-    The likeness is the mean correlation of the landmarks' patches with their means.
+    The similarity is the mean correlation of the landmarks' patches with their means.
     """
 
-    least_likeness = 0.4
+    least_similarity = 0.4
 
     def __init__(self, evaluations: int = 500, side_points: int = SIDE_POINTS, seed: int = 0) -> None:
         self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
@@ -195,10 +193,10 @@ class LefevreTracker(CandideTracker):
         self.appearance = Appearance.unseen(len(self.points.normals))
         self._adapt(frame)
 
-    def _search(self, frame: Frame) -> Found:
+    def _search(self, frame: Frame) -> SearchResult:
         problem = self._problem(frame)
         b = self._simplex.minimize(problem, self.b).b
-        return Found(b, float(self.structure.correlation(problem.patches(b)).mean()))
+        return SearchResult(b, float(self.structure.correlation(problem.patches(b)).mean()))
 
     def _adapt(self, frame: Frame) -> None:
         values = self._problem(frame).values(self.b)

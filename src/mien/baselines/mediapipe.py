@@ -1,9 +1,9 @@
-"""MediaPipe Face Mesh as a peer: its 478 landmarks, and PnP on its own mesh of the first frame.
+"""MediaPipe Face Mesh for comparison: its 478 landmarks, and PnP with its own mesh of the first frame.
 
-The network gives each landmark a depth relative to the head's centre, in pixels. The landmarks of the first
-frame, put back into space with these depths, are the rigid mesh; the pose of every later frame is the PnP
-solution between that mesh and the frame's landmarks, with the camera of the sequence. The mesh is aligned to
-CANDIDE once, so that angles are zero when the face looks into the camera and lengths are CANDIDE units.
+The network estimates the depth of each landmark relative to the head's centre, in pixels. The landmarks of the first
+frame, back-projected with these depths, are the rigid mesh; the pose of every later frame is the PnP solution between
+that mesh and the frame's landmarks, with the camera of the sequence. The mesh is aligned to CANDIDE once, so that
+angles are zero when the face looks into the camera, and lengths are in CANDIDE units.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ NO_FACE = "MediaPipe sees no face"
 class MediaPipeTracker:
     """MediaPipe 0.10.21 Face Mesh in video mode with refined landmarks.
 
-    It finds the face itself and does not use the landmarks that `initialize` is given. It estimates no
-    animation and no covariance; its confidence is 1 wherever it sees a face, because it reports none.
+    It detects the face itself and ignores the landmarks given to `initialize`. It estimates neither animation nor
+    covariance; its confidence is 1 whenever it detects a face, as it reports none.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class MediaPipeTracker:
         self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Find the face, and take its landmarks with their depths as the mesh."""
+        """Detect the face, and use its landmarks with their depths as the mesh."""
         self._camera = camera
         with silenced():
             points = self._detect(frame)
@@ -59,7 +59,7 @@ class MediaPipeTracker:
         return self._estimate(frame, points, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
-        """The face's pose by PnP, started at the last frame's."""
+        """The pose of the face by PnP, starting from that of the last frame."""
         points = self._detect(frame)
         if points is None or self._shape is None:
             return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
@@ -82,7 +82,8 @@ class MediaPipeTracker:
         )
 
     def _detect(self, frame: Frame) -> Array | None:
-        """(478, 3) pixels, the third the depth relative to the head's centre; None without a face."""
+        """Landmarks (478, 3) in pixels, the third coordinate a depth relative to the head's centre; None without a
+        face."""
         faces = read_faces(self._mesh, frame.pixels)
         return faces[0] if faces else None
 
@@ -90,7 +91,7 @@ class MediaPipeTracker:
 def solve_pnp(shape: Array, pixels: Array, camera: Camera, R: Array, t: Array) -> tuple[Array, Array]:
     """Pose of a rigid shape (n, 3) seen at pixels (n, 2), by Levenberg-Marquardt from the pose R, t."""
     K = np.array([[camera.focal_px, 0, camera.cx], [0, camera.focal_px, camera.cy], [0, 0, 1]])
-    # OpenCV writes its answer into the start values.
+    # OpenCV writes its result into the starting values.
     _, rotation, translation = cv2.solvePnP(
         shape,
         np.ascontiguousarray(pixels),

@@ -3,16 +3,15 @@
 L.-P. Morency, J. Whitehill, J. Movellan, "Generalized adaptive view-based appearance model: integrated
 framework for monocular head pose estimation", IEEE Conference on Automatic Face and Gesture Recognition, 2008.
 
-Every frame is registered, by the normal flow of the ellipsoid's surface, with several frames whose poses are
-known: the previous one, the first one and the keyframes nearest in pose. A Kalman filter, whose state is the
-poses of all these frames together, fuses the measured changes of pose; it also corrects the keyframes, whose
-poses were measured with error. A keyframe is acquired where the head turns to where none is.
+Every frame is registered, by the normal flow of the ellipsoid's surface, with several frames of known pose: the
+previous one, the first one and the keyframes nearest in pose. A Kalman filter, whose state contains the poses of all
+these frames, fuses the measured pose changes; it also corrects the poses of the keyframes, which were measured with
+error. A keyframe is added when the head turns to a pose without one.
 
-Simplifications: the ellipsoid and the first pose come from the fitted CANDIDE instead of a detector's window,
-and the static estimator of pose (a classifier trained on a corpus) is left out; a change of pose is a
-difference in rotation vector and translation; the covariance of a measurement has a term for the mismatch
-between ellipsoid and face, which grows with the change; a lost head is searched for by the normalised
-correlation of the first face.
+Simplifications: the ellipsoid and the initial pose come from the fitted CANDIDE instead of a detector's window, and
+the static pose estimator (a classifier trained on a corpus) is omitted; a pose change is a difference in rotation
+vector and translation; the covariance of a measurement has a term for the mismatch between ellipsoid and face, which
+grows with the change; a lost head is searched for by the normalised correlation of the first face.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from mien.baselines.surface import (
     look,
     look_first,
     register,
-    take,
+    take_template,
 )
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -45,44 +44,44 @@ KEYFRAME_SPACING_DEG = 10.0
 KEYFRAMES_USED, MOST_KEYFRAMES = 2, 24
 LEAST_CORRELATION, LEAST_KEYFRAME_CORRELATION = 0.7, 0.75
 FIRST_REACH_DEG = 40.0
-"""The first frame is registered with as long as the head has not turned further from it."""
+"""Largest rotation of the head from the first frame at which it is still registered with it."""
 
 MOTION_SD = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.3])
-"""Standard deviation of the change between two frames: radians, CANDIDE units in camera axes."""
+"""Standard deviation of the motion between two frames: radians, CANDIDE units in camera axes."""
 CORRELATED_POINTS = 30.0
-"""Neighbouring points share their error: so many count as one in the covariance of a registration."""
+"""Errors of neighbouring points are correlated: this many count as one in the covariance of a registration."""
 MISMATCH = 0.1
-"""Standard deviation of a measured change of pose because the head is no ellipsoid, as a part of the turn."""
+"""Standard deviation of a measured pose change as the head is no ellipsoid, as a fraction of the rotation."""
 
 
 @dataclass(frozen=True)
 class BaseFrame:
-    """A frame that others are registered with: what was seen, and the pose as it is known now."""
+    """A frame with which others are registered: its view, and the current estimate of its pose."""
 
     view: View
     pose: Pose
 
 
 class MorencyTracker:
-    """GAVAM; without `keyframes` every frame is registered with the previous one alone."""
+    """GAVAM; without `keyframes`, every frame is registered only with the previous one."""
 
     def __init__(self, *, keyframes: bool = True) -> None:
         self.keyframes = keyframes
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Lay the ellipsoid into the fitted face; the first frame is the first base frame, known exactly."""
+        """Fit the ellipsoid to the face; the first frame is the first base frame, with an exactly known pose."""
         landmarks.check(frame.width, frame.height)
         fit = fit_first_frame(landmarks, camera)
-        self.head = RigidHead.of(frame, fit, camera, ellipsoid(fit))
+        self.head = RigidHead.from_first_frame(frame, fit, camera, ellipsoid(fit))
         self.status = Status.INITIALIZED
         self.pose = self.head.first
         first = BaseFrame(look_first(frame, self.pose, camera), self.pose)
-        self.frames = [first, first]  # the state: the first frame, the keyframes, the previous one, six entries each
+        self.frames = [first, first]  # the filter state: first frame, keyframes, previous frame, six entries each
         self.covariance = 1e-8 * np.eye(6 * len(self.frames))
         return self.head.estimate(frame, self.status, self.pose)
 
     def track(self, frame: Frame) -> Estimate:
-        """Register the frame with the base frames, fuse, and keep it as a keyframe if it is a new view."""
+        """Register the frame with the base frames, fuse the results, and add a keyframe if the view is new."""
         view = look(frame, self.pose, self.head.camera)
         measured = [] if view is None else self._measure(view, self.pose, self._base_frames())
         if not measured and self.status is Status.LOST:
@@ -96,7 +95,7 @@ class MorencyTracker:
         return self.head.estimate(frame, self.status, self.pose)
 
     def _base_frames(self) -> list[int]:
-        """Rows of `frames` to register with: the previous, and with keyframes the first and the nearest."""
+        """Indices of the `frames` to register with: the previous one and, with keyframes, the first and the nearest."""
         previous = len(self.frames) - 1
         if not self.keyframes:
             return [previous]
@@ -109,7 +108,8 @@ class MorencyTracker:
         return float(angle_between(self.frames[i].pose.R, self.pose.R))
 
     def _measure(self, view: View, start: Pose, rows: list[int]) -> list[tuple[int, Registration]]:
-        """Registrations that succeeded, with the rows of their base frames. The first of them starts the others."""
+        """Successful registrations, with the indices of their base frames; each starts at the result of the previous
+        one."""
         measured: list[tuple[int, Registration]] = []
         for i in rows:
             template = self._template(i)
@@ -121,11 +121,11 @@ class MorencyTracker:
         return measured
 
     def _template(self, i: int) -> Template:
-        """The surface as a base frame shows it, at the pose that it is now known to have."""
-        return take(self.head.surface, self.frames[i].view, self.frames[i].pose)
+        """The template of a base frame, at its current pose estimate."""
+        return take_template(self.head.surface, self.frames[i].view, self.frames[i].pose)
 
     def _fuse(self, view: View, measured: list[tuple[int, Registration]]) -> None:
-        """Kalman filter over the poses of all base frames and of this one, which becomes the previous frame."""
+        """Kalman update of the poses of all base frames and of this frame, which becomes the previous one."""
         pose, P = self.pose, self._predicted_covariance()
         n = len(self.frames)
         H = np.zeros((6 * len(measured), 6 * (n + 1)))
@@ -144,13 +144,13 @@ class MorencyTracker:
         self._keep(BaseFrame(view, self.pose), 0.5 * (P + P.T))
 
     def _predicted_covariance(self) -> Array:
-        """That of the base frames and of this one, which is where the previous one was, give or take a step."""
+        """Covariance of the base frames and of this frame, predicted at the pose of the previous one."""
         P, previous = self.covariance, slice(-6, None)
         cross = P[:, previous]
         return np.block([[P, cross], [cross.T, P[previous, previous] + np.diag(MOTION_SD**2)]])
 
     def _keep(self, frame: BaseFrame, P: Array) -> None:
-        """Replace the previous frame by this one; where no other is near, this one is a keyframe besides."""
+        """Replace the previous frame by this one, and also add it as a keyframe if no other is close."""
         n = len(self.frames)
         nearest = min(float(angle_between(f.pose.R, frame.pose.R)) for f in self.frames[:-1])
         if self.keyframes and nearest > np.radians(KEYFRAME_SPACING_DEG) and n < MOST_KEYFRAMES + 2:
@@ -163,8 +163,8 @@ class MorencyTracker:
         self.covariance = P[np.ix_(rows, rows)]
 
     def _search(self, frame: Frame) -> tuple[View | None, list[tuple[int, Registration]]]:
-        """A lost head: where the frame resembles the first face, register with every keyframe; the best counts."""
-        t = self.head.relocated(frame).t
+        """Search for a lost head: at the best match of the first face, register with every keyframe; take the best."""
+        t = self.head.relocate(frame).t
         view = look(frame, Pose(self.pose.R, t), self.head.camera)
         if view is None:
             return None, []
@@ -174,7 +174,7 @@ class MorencyTracker:
             return None, []
         best = max(tried, key=lambda m: m[1].correlation)
         self.pose = best[1].pose
-        n = len(self.covariance)  # the previous pose says nothing of this one
+        n = len(self.covariance)  # the previous pose carries no information about this one
         self.covariance[n - 6 :, :] = self.covariance[:, n - 6 :] = 0
         self.covariance[n - 6 :, n - 6 :] = np.eye(6)
         return view, [best]
@@ -190,12 +190,12 @@ def _difference(a: Pose, b: Pose) -> Array:
 
 
 def _measurement_covariance(r: Registration, base: Pose) -> Array:
-    """(6, 6): that of least squares for correlated points, and the mismatch of the ellipsoid."""
+    """Covariance (6, 6) of a registration: least squares with correlated points, and the ellipsoid's mismatch."""
     turn = float(angle_between(base.R, r.pose.R))
     return np.asarray(CORRELATED_POINTS * r.covariance + (MISMATCH * turn) ** 2 * np.eye(6) + 1e-8 * np.eye(6))
 
 
 def weights(r: Residuals) -> Array:
-    """Points by their projected density, less where the frame differs much from the template."""
+    """Weights by projected density, reduced at points where the frame differs much from the template."""
     sd = 1.0 + 1.4826 * float(np.median(np.abs(r.e)))
     return np.asarray(1e-6 + r.cosine / (1 + (r.e / (2 * sd)) ** 2))

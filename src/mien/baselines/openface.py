@@ -1,6 +1,6 @@
-"""The output of OpenFace, read from its CSV as if it were a tracker's: `--trackers openface:PATH`.
+"""Replays the output of OpenFace from its CSV like a tracker: `--trackers openface:PATH`.
 
-PATH is one CSV, or a folder with one for every sequence under its name. mien's own CSV files are read alike.
+PATH is one CSV, or a folder with one per sequence, named after it. CSV files of mien can be read as well.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 
 
 class OpenFaceTracker:
-    """Gives each frame the row of a CSV. A frame without a row, or with success 0, is lost.
+    """Returns the row of a CSV for each frame. A frame without a row, or with success 0, is lost.
 
-    Raises MienError where the file is not such a table. Camera and first landmarks are not used.
+    Raises MienError if the file is not such a table. Camera and first landmarks are ignored.
     """
 
     def __init__(self, path: str = "") -> None:

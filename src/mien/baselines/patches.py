@@ -1,4 +1,4 @@
-"""Small square patches of an image at given points, free of brightness and contrast."""
+"""Small square image patches at given points, normalised for brightness and contrast."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from mien.appearance.crop import Float32
 from mien.geometry.rotation import Array
 
 _FLAT = 1e-3
-"""Standard deviation in grey values below which a patch is held to be flat."""
+"""Standard deviation in grey values below which a patch counts as flat."""
 
 
 def read_patches(gray: Float32, points: Array, size: int, step: float) -> Float32:
     """Patches of zero mean and unit length (n, size * size) around points (n, 2) of an image (H, W).
 
-    size: samples along a side, `step` pixels apart. A flat patch is zero; beyond the edge the edge repeats.
+    size: samples along a side, `step` pixels apart. A flat patch is zero; the border of the image is replicated.
     """
     offsets = step * (np.arange(size) - (size - 1) / 2)
     y, x = np.meshgrid(offsets, offsets, indexing="ij")
@@ -23,14 +23,14 @@ def read_patches(gray: Float32, points: Array, size: int, step: float) -> Float3
 
 
 def sample(gray: Float32, points: Array) -> Float32:
-    """Bilinear samples (...) of an image (H, W) at points (..., 2); beyond the edge the edge repeats."""
+    """Bilinear samples (...) of an image (H, W) at points (..., 2); the border of the image is replicated."""
     at = np.nan_to_num(points).astype(np.float32).reshape(len(points), -1, 2)
     values = cv2.remap(gray, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(values, np.float32).reshape(points.shape[:-1])
 
 
 def normalized(patches: Float32) -> Float32:
-    """Zero mean and unit length along the last axis; zero where there is no contrast."""
+    """Normalise to zero mean and unit length along the last axis; zero without contrast."""
     centred = patches - patches.mean(axis=-1, keepdims=True)
     length = np.linalg.norm(centred, axis=-1, keepdims=True)
     flat = length < _FLAT * np.sqrt(patches.shape[-1])

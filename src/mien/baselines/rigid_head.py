@@ -1,4 +1,4 @@
-"""What the trackers with a rigid surface share around the registration: estimates, and finding a lost head again."""
+"""Shared by the trackers with a rigid surface, apart from the registration: estimates, and recovery of a lost head."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ OUT_OF_SIGHT = "the face left the image or turned away"
 NOT_FOUND = "the frame could not be registered with the face"
 
 LEAST_IN_SIGHT = 0.35
-"""Share of the surface that must be seen in the image: less is a head that turned or moved out of it."""
+"""Fraction of the surface that must be visible in the image; with less, the head has turned or moved out of it."""
 PATCH_PIXELS_PER_UNIT = 20.0
-"""Resolution at which the first frame's face is searched for in a whole frame."""
+"""Resolution at which a whole frame is searched for the face of the first frame."""
 PATCH_UNITS = (0.5, 0.7)
-"""Half the width and half the height of the searched face, in CANDIDE units."""
+"""Half the width and half the height of the face template, in CANDIDE units."""
 
 
 @dataclass(frozen=True)
 class RigidHead:
-    """The head of the first frame: its fit, camera and surface, and its face as a small patch to search for."""
+    """The head of the first frame: its fit, camera and surface, and a small face template to search for."""
 
     fit: FirstFrame
     camera: Camera
@@ -36,7 +36,7 @@ class RigidHead:
     patch: Float32
 
     @classmethod
-    def of(cls, frame: Frame, fit: FirstFrame, camera: Camera, surface: Surface) -> RigidHead:
+    def from_first_frame(cls, frame: Frame, fit: FirstFrame, camera: Camera, surface: Surface) -> RigidHead:
         small, scale = _shrunk(frame, camera, fit)
         (u, v), _ = camera.project(fit.t)
         half = np.array(PATCH_UNITS) * camera.focal_px / fit.t[2] * scale
@@ -50,8 +50,8 @@ class RigidHead:
         """Pose of the first frame."""
         return Pose(self.fit.R, self.fit.t)
 
-    def relocated(self, frame: Frame) -> Pose:
-        """The first frame's pose, shifted to where the frame resembles the face most (normalised correlation)."""
+    def relocate(self, frame: Frame) -> Pose:
+        """The pose of the first frame, shifted to the best match of the face template (normalised correlation)."""
         small, scale = _shrunk(frame, self.camera, self.fit)
         match = cv2.matchTemplate(small, self.patch, cv2.TM_CCOEFF_NORMED)
         _, _, _, (x, y) = cv2.minMaxLoc(match)
@@ -67,7 +67,7 @@ class RigidHead:
         return bool((inside & (cosine > GRAZING)).mean() >= LEAST_IN_SIGHT)
 
     def estimate(self, frame: Frame, status: Status, pose: Pose) -> Estimate:
-        """What the tracker says: pose and rigid landmarks. It estimates neither animation nor uncertainty."""
+        """The estimate with pose and rigid landmarks; these trackers estimate neither animation nor uncertainty."""
         X = self.fit.vertices()[list(LANDMARK_VERTICES.values())] @ pose.R.T + pose.t
         image, _ = self.camera.project(X)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X)
@@ -83,13 +83,14 @@ class RigidHead:
         )
 
     def lost(self, frame: Frame, pose: Pose) -> Estimate:
-        """The estimate of a frame that was not registered, with the reason: the last pose tells it."""
+        """The estimate for a frame that was not registered; the last pose decides on the reason."""
         reason = NOT_FOUND if self.in_sight(frame, pose) else OUT_OF_SIGHT
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
 
 def _shrunk(frame: Frame, camera: Camera, fit: FirstFrame) -> tuple[Float32, float]:
-    """The whole frame with a CANDIDE unit at the first distance measuring `PATCH_PIXELS_PER_UNIT`, and the scale."""
+    """The whole frame, scaled so that a CANDIDE unit at the first frame's distance has `PATCH_PIXELS_PER_UNIT`, and the
+    scale."""
     scale = min(PATCH_PIXELS_PER_UNIT * float(fit.t[2]) / camera.focal_px, 1.0)
     size = (max(round(frame.width * scale), 1), max(round(frame.height * scale), 1))
     return cv2.resize(frame.gray, size, interpolation=cv2.INTER_AREA).astype(np.float32), scale

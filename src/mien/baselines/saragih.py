@@ -1,15 +1,14 @@
 """J. Saragih, S. Lucey and J. Cohn, Deformable model fitting by regularized landmark mean-shift, IJCV 91, 2011.
 
-A constrained local model. A linear expert for each landmark tells the patch that belongs there from those around
-it; its answers over a window are a response map, the probability of where the landmark is. The landmarks climb
-the smoothed maps by mean-shift, all together, under a 3D point distribution model whose parameters have a
-Gaussian prior: each step solves `(rho Lambda^-1 + J^T J) db = J^T v - rho Lambda^-1 b` for the mean-shift
-vectors v, while the smoothing rho becomes less.
+A constrained local model. A linear expert for each landmark separates its patch from those around it; its output over
+a window is a response map, the probability of the landmark's location. The landmarks climb the smoothed maps jointly by
+mean-shift, under a 3D point distribution model whose parameters have a Gaussian prior: each step solves
+`(rho Lambda^-1 + J^T J) db = J^T v - rho Lambda^-1 b` for the mean-shift vectors v, with decreasing smoothing rho.
 
-Simplifications: the experts are trained on views of the first frame's face instead of on annotated photographs
-of many people; the point distribution model is CANDIDE with the shape of the first frame and the six animation
-units, seen by a perspective camera; the experts are logistic regressions on grey patches, chosen by the nearest
-of three pans; there is no detector to start again from.
+Simplifications: the experts are trained on views of the first frame's face instead of on annotated photographs of many
+people; the point distribution model is CANDIDE with the shape of the first frame and the six animation units, under a
+perspective camera; the experts are logistic regressions on grey patches, selected by the nearest of three pans; there
+is no detector for re-initialisation.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from mien.baselines.candide_tracker import (
     BLUR,
     VERTICES,
     CandideTracker,
-    Found,
+    SearchResult,
     face_crop,
     require_scikit_learn,
     views_of_first_frame,
@@ -42,16 +41,16 @@ from mien.tracking.state import unpack
 PATCH_SIZE = 11
 """Side of the patches in crop pixels, odd."""
 PANS_DEG = (-30.0, 0.0, 30.0)
-"""The views that have experts of their own; each is trained on the pans up to 20 degrees around."""
+"""Pans with separate experts, each trained on pans up to 20 degrees to either side."""
 TILTS_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
 NEGATIVE_RADII, NEGATIVE_DIRECTIONS = (3.0, 5.0, 8.0, 12.0), 8
-"""Where the patches are that an expert has to reject: distances in crop pixels from the landmark."""
+"""Distances of the negative patches from the landmark in crop pixels, and the number of directions."""
 EXPERT_C = 10.0
-"""Inverse regularisation of the experts: with less the maps are broad and pull off, with more they have false peaks."""
+"""Inverse regularisation of the experts: lower values give broad, biased maps, higher values false peaks."""
 WINDOW_RADII = (20, 12, 7)
-"""Half width in crop pixels of the window of each pass; every pass computes the response maps anew."""
+"""Half width in crop pixels of the window of each pass; every pass recomputes the response maps."""
 SMOOTHING = (60.0, 25.0, 10.0, 4.0)
-"""Variances rho in square pixels of the mean-shift of one pass, one after the other."""
+"""Successive variances rho, in square pixels, of the mean-shift within a pass."""
 STEPS = 3
 """Mean-shift steps for each rho."""
 ANIMATION_SD = 0.4
@@ -81,7 +80,7 @@ class Experts:
             expert.fit(np.vstack([positive, negative]), labels)
             weights.append(expert.coef_[0])
             bias.append(expert.intercept_[0])
-        # The patches have zero mean: that of the weights makes no difference, and without it they are a template.
+        # As patches have zero mean, the mean of the weights has no effect; without it they are a template.
         w = np.array(weights) - np.mean(weights, axis=1, keepdims=True)
         gain = np.linalg.norm(w, axis=1)
         size = round(np.sqrt(w.shape[1]))
@@ -89,7 +88,7 @@ class Experts:
         return cls(templates.astype(np.float32), gain.astype(np.float32), np.array(bias, np.float32))
 
     def responses(self, gray: Float32, corners: Array, width: int) -> Float32:
-        """Response maps (n, width, width), the first value of each at the pixel `corners` (n, 2) of an image."""
+        """Response maps (n, width, width) of an image, whose first values are at the pixels `corners` (n, 2)."""
         half = self.templates.shape[1] // 2
         side = width + 2 * half
         maps = np.empty((len(corners), width, width), np.float32)
@@ -98,18 +97,18 @@ class Experts:
         return self.probability(maps)
 
     def at(self, gray: Float32, points: Array) -> Float32:
-        """Probabilities (n,) of the landmarks at points (n, 2) of an image."""
+        """Probabilities (n,) of the landmarks at the points (n, 2) of an image."""
         patches = read_patches(gray, points, self.templates.shape[1], 1.0)
         return self.probability((patches * self.templates.reshape(len(points), -1)).sum(axis=1))
 
     def probability(self, scores: Float32) -> Float32:
-        """Probabilities (n, ...) of the templates' correlations (n, ...)."""
+        """Probabilities (n, ...) from the correlations (n, ...) with the templates."""
         shape = (-1,) + (1,) * (scores.ndim - 1)
         return np.asarray(expit(self.gain.reshape(shape) * scores + self.bias.reshape(shape)), np.float32)
 
 
 def _window(gray: Float32, x: int, y: int, side: int) -> Float32:
-    """The square (side, side) of an image with this first pixel; beyond the edge the edge repeats."""
+    """The square (side, side) of an image that starts at this pixel; the border of the image is replicated."""
     rows = np.clip(np.arange(y, y + side), 0, gray.shape[0] - 1)
     columns = np.clip(np.arange(x, x + side), 0, gray.shape[1] - 1)
     return np.ascontiguousarray(gray[rows[:, None], columns])
@@ -119,7 +118,7 @@ def _window(gray: Float32, x: int, y: int, side: int) -> Float32:
 class MeanShift:
     """Regularised landmark mean-shift in the response maps (n, w, w) of one crop.
 
-    corners: (n, 2) the crop pixels where the maps begin.
+    corners: (n, 2) crop pixels of the first values of the maps.
     """
 
     landmarks: LandmarkModel
@@ -129,11 +128,11 @@ class MeanShift:
     corners: Array
 
     def step(self, b: Array, rho: float) -> Array:
-        """One step of the states' landmarks under the smoothing rho (square pixels): b (12,) -> (12,)."""
+        """One mean-shift step of a state with smoothing rho (square pixels): b (12,) -> (12,)."""
         p, J = self.points(b)
         v = self.shift(p, rho)
         precision = np.r_[np.zeros(6), np.full(6, rho / ANIMATION_SD**2)]
-        parameters = np.r_[np.zeros(6), b[6:]]  # those that the prior speaks of
+        parameters = np.r_[np.zeros(6), b[6:]]  # those that have a prior
         A = np.diag(precision) + np.einsum("nij,nik->jk", J, J)
         db = np.linalg.solve(A, np.einsum("nij,ni->j", J, v) - precision * parameters)
         R, t, animation = unpack(b)
@@ -166,10 +165,10 @@ class MeanShift:
 class SaragihTracker(CandideTracker):
     """Constrained local model with regularised landmark mean-shift (Saragih, Lucey and Cohn 2011).
 
-    The likeness is the mean probability that the experts give to the landmarks where they were found.
+    The similarity is the mean probability from the experts at the landmarks found.
     """
 
-    least_likeness = 0.4
+    least_similarity = 0.4
 
     def __init__(self) -> None:
         require_scikit_learn("saragih-2011")
@@ -186,23 +185,23 @@ class SaragihTracker(CandideTracker):
         n, D = samples.shape[0], samples.shape[-1]
         return Experts.learn(samples[:, :, 0], samples[:, :, 1:].reshape(n, -1, D))
 
-    def _search(self, frame: Frame) -> Found:
+    def _search(self, frame: Frame) -> SearchResult:
         b = self.b
         for radius in WINDOW_RADII:
             b = self._fit(frame, b, radius)
-        crop, gray, experts = self._look(frame, b)
+        crop, gray, experts = self._crop_and_experts(frame, b)
         p, _ = self.camera.project(self.landmarks.in_camera(b))
-        return Found(b, float(experts.at(gray, crop.to_crop(p)).mean()))
+        return SearchResult(b, float(experts.at(gray, crop.to_crop(p)).mean()))
 
-    def _look(self, frame: Frame, b: Array) -> tuple[Crop, Float32, Experts]:
-        """The crop of the face in state b, its grey values, and the experts of its pan."""
+    def _crop_and_experts(self, frame: Frame, b: Array) -> tuple[Crop, Float32, Experts]:
+        """The crop around the face in state b, its grey values, and the experts for its pan."""
         crop = face_crop(b, self.camera, upright=False)
         _, pan = tilt_pan_of(unpack(b)[0])
         nearest = int(np.argmin(np.abs(np.degrees(pan) - np.array(PANS_DEG))))
         return crop, crop.sample(frame, BLUR), self.experts[nearest]
 
     def _fit(self, frame: Frame, b: Array, radius: int) -> Array:
-        crop, gray, experts = self._look(frame, b)
+        crop, gray, experts = self._crop_and_experts(frame, b)
         p, _ = self.camera.project(self.landmarks.in_camera(b))
         corners = np.round(crop.to_crop(np.nan_to_num(p))) - radius
         maps = experts.responses(gray, corners, 2 * radius + 1)
@@ -213,7 +212,7 @@ class SaragihTracker(CandideTracker):
 
 
 def _training_patches(image: Float32, points: Array) -> Float32:
-    """Patches (n, 1 + negatives, D): at the landmarks (n, 2), and displaced."""
+    """Patches (n, 1 + negatives, D) at the landmarks (n, 2), then displaced from them."""
     angles = 2 * np.pi * np.arange(NEGATIVE_DIRECTIONS) / NEGATIVE_DIRECTIONS
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     offsets = np.concatenate([np.zeros((1, 2)), *(r * ring for r in NEGATIVE_RADII)])

@@ -1,8 +1,8 @@
-"""What the trackers with a rigid surface share: the surface, the image near the head, their registration.
+"""Shared by the trackers with a rigid surface: the surface, the view of the head, and their registration.
 
-The surface is a cylinder or an ellipsoid fitted to the CANDIDE of the first frame, as a grid of points with
-normals in head axes. A view is the part of a frame that holds the head, blurred from coarse to fine. A
-registration moves the surface until the view under it looks like a template.
+The surface is a cylinder or an ellipsoid fitted to the CANDIDE model of the first frame, as a grid of points with
+normals in head axes. A view is the part of a frame that contains the head, blurred at coarse to fine levels.
+Registration moves the surface until the view at its points matches a template.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from mien.initialization.fit import FirstFrame
 from mien.tracking.state import Mask
 
 ROWS, COLUMNS = 48, 48
-"""Points of the surface: one for about every four pixels of a face 60 pixels wide."""
+"""Grid of surface points: about one per four pixels of a face 60 pixels wide."""
 FRONT_DEG = 80.0
-"""How far the surface reaches around the head to each side."""
+"""Extent of the surface around the head to each side."""
 CHIN, HAIRLINE = 10, 2
-"""Vertices of CANDIDE: lower and upper end of the face."""
+"""Vertices of CANDIDE at the lower and upper end of the face."""
 FRONT = (2, 3, 16, 17, 49, 50, 15, 48, 27, 60, 20, 53, 90, 91, 9, 14, 47, 29, 62, 28, 61, 30, 63)
-"""Vertices without the nose, through which the surface is laid."""
+"""Vertices, without the nose, to which the surface is fitted."""
 
 REACH = 1.7
-"""Half the side of a view, in CANDIDE units: the head, and room for it to move within a frame."""
+"""Half the side of a view, in CANDIDE units: the head, with room to move between two frames."""
 MAXIMUM_PIXELS_PER_UNIT = 100.0
-"""A larger head is shrunk by a whole number first: a grid of points would alias."""
+"""A larger head is first shrunk by an integer factor, as the grid of points would alias."""
 BLURS = (0.06, 0.02)
 """Standard deviations of the Gaussians of a view, coarse to fine, in CANDIDE units."""
 
 GRAZING = 0.25
-"""Cosine of the angle between normal and line of sight below which a point counts as hidden."""
+"""Cosine between normal and viewing ray below which a point counts as hidden."""
 LEAST_POINTS = 100
-"""A registration needs so many visible points."""
+"""Minimum number of visible points for a registration."""
 ITERATIONS, DAMPING = 8, 1e-3
-"""Of Gauss-Newton on each level; the damping is a part of the mean of the diagonal."""
+"""Gauss-Newton iterations on each level, and damping as a fraction of the mean diagonal entry."""
 LARGEST_TURN_DEG, LARGEST_SHIFT = 30.0, 1.0
-"""A registration that moves the head further (degrees, CANDIDE units) has found something else."""
+"""A registration that moves the head further than this (degrees, CANDIDE units) is rejected."""
 
 
 @dataclass(frozen=True)
@@ -74,15 +74,15 @@ class Surface:
     height: Array
 
     def seen(self, pose: Pose) -> tuple[Array, Array]:
-        """Points in camera axes (N, 3) and the cosine (N,) between their normals and the line of sight."""
+        """Points (N, 3) in camera axes, and the cosines (N,) between their normals and the viewing rays."""
         X = self.points @ pose.R.T + pose.t
         n = self.normals @ pose.R.T
         return X, -(n * X).sum(axis=1) / np.sqrt((X * X).sum(axis=1))
 
 
 def cylinder(fit: FirstFrame) -> Surface:
-    """A circular cylinder through the face, without the nose, from the chin to the hairline; upright in the axes in
-    which the face was fitted: where it is taken to look does not change what it is."""
+    """Fit a circular cylinder to the face, without the nose, from the chin to the hairline; it is upright in the axes
+    of the fitted model, so that the estimated head axes do not change its shape."""
     V = fit.shape @ fit.turn
     low, high = V[CHIN, 1], V[HAIRLINE, 1]
     x, z = V[list(FRONT), 0], V[list(FRONT), 2]
@@ -98,8 +98,8 @@ def cylinder(fit: FirstFrame) -> Surface:
 
 
 def ellipsoid(fit: FirstFrame) -> Surface:
-    """An ellipsoid through the face, as wide as deep; the nose and what lies above the hairline left out; upright as
-    the cylinder is."""
+    """Fit an ellipsoid, as wide as deep, to the face without the nose and anything above the hairline; upright like the
+    cylinder."""
     V = fit.shape @ fit.turn
     low, high = V[CHIN, 1], V[HAIRLINE, 1]
     middle = 0.5 * (low + high)
@@ -127,13 +127,13 @@ def _grid() -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class View:
-    """The part of a frame around the head: its camera, and per level (h, w, 3) grey value and its gradient."""
+    """The part of a frame around the head: its camera, and for each level the grey value and its gradient (h, w, 3)."""
 
     camera: Camera
     levels: tuple[Float32, ...]
 
     def read(self, level: int, p: Array) -> tuple[Array, Mask]:
-        """Grey value and gradient (N, 3) at pixels (N, 2) of the view, and which of them lie inside."""
+        """Grey value and gradient (N, 3) at pixels (N, 2) of the view, and a mask of those inside it."""
         image = self.levels[level]
         q = p.astype(np.float32)
         if not len(q):
@@ -144,7 +144,7 @@ class View:
 
 
 def look(frame: Frame, pose: Pose, camera: Camera) -> View | None:
-    """The view of a frame around a head at this pose; None where the head is not in the image."""
+    """The view of a frame around a head with this pose; None if the head is not in the image."""
     pixels_per_unit = camera.focal_px / pose.t[2]
     if not 0 < pixels_per_unit < max(frame.width, frame.height):
         return None
@@ -165,15 +165,15 @@ def look(frame: Frame, pose: Pose, camera: Camera) -> View | None:
 
 
 def look_first(frame: Frame, pose: Pose, camera: Camera) -> View:
-    """The view of the first frame. Raises MienError where its landmarks put the head outside the image."""
+    """The view of the first frame. Raises MienError if its landmarks place the head outside the image."""
     view = look(frame, pose, camera)
     if view is None:
-        raise MienError("the landmarks put the head outside the image; check that they belong to this video")
+        raise MienError("the landmarks place the head outside the image; check that they belong to this video")
     return view
 
 
 def _with_gradient(image: Float32, sd: float) -> Float32:
-    """(h, w) -> (h, w, 3): the blurred image and its derivatives by u and v."""
+    """(h, w) -> (h, w, 3): the blurred image and its derivatives with respect to u and v."""
     smooth = cv2.GaussianBlur(image, (0, 0), max(sd, 0.5))
     du = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     dv = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
@@ -182,8 +182,8 @@ def _with_gradient(image: Float32, sd: float) -> Float32:
 
 @dataclass(frozen=True)
 class Template:
-    """How the surface looked at a pose: values (levels, N) grey, gradient (N,) its size in the finest level,
-    cosine (N,) of the line of sight, known (N,) where it was seen."""
+    """Appearance of the surface at a pose: grey values (levels, N), gradient magnitude (N,) on the finest level, cosine
+    (N,) between normal and viewing ray, known (N,) mask of visible points."""
 
     values: Array
     gradient: Array
@@ -191,8 +191,8 @@ class Template:
     known: Mask
 
 
-def take(surface: Surface, view: View, pose: Pose) -> Template:
-    """The surface at a pose as a view shows it."""
+def take_template(surface: Surface, view: View, pose: Pose) -> Template:
+    """Sample the appearance of the surface at a pose from a view."""
     X, cosine = surface.seen(pose)
     p, _ = view.camera.project(X)
     read = [view.read(level, p) for level in range(len(view.levels))]
@@ -203,10 +203,11 @@ def take(surface: Surface, view: View, pose: Pose) -> Template:
 
 @dataclass(frozen=True)
 class Residuals:
-    """The surface at a pose against a template, at its N visible points.
+    """Residuals between a template and the surface at a pose, at its N visible points.
 
-    e: (N,) template minus view, grey values; J: (N, 6) view by step of `Pose.moved`; cosine: (N,) the smaller
-    of the cosines of both lines of sight; gradient: (N,) size of the template's gradient; rows: the points.
+    e: (N,) template minus view, grey values; J: (N, 6) derivative of the view with respect to the step of `Pose.moved`;
+    cosine: (N,) the smaller of the viewing cosines of template and view; gradient: (N,) gradient magnitude of the
+    template; rows: indices of the points.
     """
 
     e: Array
@@ -239,8 +240,8 @@ Weights = Callable[[Residuals], Array]
 
 @dataclass(frozen=True)
 class Registration:
-    """Pose at which the view looks like the template, the weighted correlation of the two, and the covariance
-    (6, 6) of the step as least squares states it, for residuals that are independent."""
+    """Pose at which the view matches the template, their weighted correlation, and the covariance (6, 6) of the step
+    from least squares, for independent residuals."""
 
     pose: Pose
     correlation: float
@@ -250,9 +251,9 @@ class Registration:
 def register(
     surface: Surface, template: Template, view: View, start: Pose, weights: Weights, *, coarse: bool = True
 ) -> Registration | None:
-    """Iteratively re-weighted Gauss-Newton from coarse to fine; None where too little is visible or it fails.
+    """Iteratively re-weighted Gauss-Newton from coarse to fine; None if too little is visible or it fails.
 
-    Without `coarse` the finest level alone, for a start that is already good.
+    Without `coarse`, only the finest level is used, for a good starting pose.
     """
     pose = start
     for level in range(0 if coarse else len(view.levels) - 1, len(view.levels)):
@@ -266,7 +267,7 @@ def register(
             H += DAMPING * np.trace(H) / 6 * np.eye(6)
             step = np.linalg.solve(H, WJ.T @ r.e)
             pose = pose.moved(step)
-            if not near(start, pose):
+            if not is_plausible_motion(start, pose):
                 return None
             if np.abs(step).max() < 2e-4:
                 break
@@ -280,14 +281,14 @@ def register(
     return Registration(pose, correlation(template.values[-1, r.rows], r.value, w), covariance)
 
 
-def near(start: Pose, pose: Pose) -> bool:
-    """Whether the head can have moved so between two frames."""
+def is_plausible_motion(start: Pose, pose: Pose) -> bool:
+    """Whether the motion between two poses is plausible within one frame."""
     turn, shift = float(angle_between(start.R, pose.R)), float(np.abs(pose.t - start.t).max())
     return turn < math.radians(LARGEST_TURN_DEG) and shift < LARGEST_SHIFT * max(1.0, 0.1 * float(start.t[2]))
 
 
 def correlation(a: Array, b: Array, w: Array) -> float:
-    """Weighted correlation of two sets of values (N,), 0 where one of them is flat."""
+    """Weighted correlation of two sets of values (N,), 0 if either is constant."""
     a, b = a - np.average(a, weights=w), b - np.average(b, weights=w)
     scale = np.sqrt((w * a * a).sum() * (w * b * b).sum())
     return float((w * a * b).sum() / scale) if scale > 1e-9 else 0.0

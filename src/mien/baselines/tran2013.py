@@ -1,15 +1,14 @@
 """N.-T. Tran, J. Feldmar, M. Charbit, D. Petrovska-Delacretaz and G. Chollet, 3D face pose tracking from monocular
 camera via sparse representation of synthesized faces, VISAPP 2013.
 
-A codebook of patches for each landmark is read from views of the first frame's face. The energy of a pose is
-how badly the patches at its landmarks are sparse combinations of their codebooks: the sum of the residuals of
-their l1-regularised representations. The downhill simplex minimises it from the last frame's pose. The
-expression is not estimated.
+Each landmark has a codebook of patches from views of the first frame's face. The energy of a pose is the sum of the
+residuals of the l1-regularised sparse representations of the patches at its landmarks in their codebooks. The downhill
+simplex minimises it, starting from the last frame's pose. The expression is not estimated.
 
-Simplifications: the landmarks are the 26 of this package; a codebook has one patch for each of 25 views, in
-which the head is not rolled, because frames are read in a crop that rolls with the last pose; the sparse
-representations of all landmarks are one lasso with a block-diagonal dictionary, started from the solution
-before it, so that an energy differs from the exact one by the solver's tolerance.
+Simplifications: the landmarks are the 26 of this package; a codebook has one patch for each of 25 views without
+in-plane rotation, as frames are sampled in a crop that rotates with the last pose; the sparse representations of all
+landmarks are one lasso with a block-diagonal dictionary, warm-started from the previous solution, so that an energy
+differs from the exact one by the solver's tolerance.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from mien.baselines.candide_tracker import (
     BLUR,
     VERTICES,
     CandideTracker,
-    Found,
+    SearchResult,
     face_crop,
     require_scikit_learn,
     views_of_first_frame,
@@ -45,13 +44,13 @@ VIEW_ANGLES_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
 SPARSITY = 0.1
 """Weight of the l1 norm of a patch's coefficients against half its squared residual; the patch has unit length."""
 TOLERANCE, SWEEPS = 1e-2, 1000
-"""Where coordinate descent stops: the dual gap, relative, and how often it goes through the coefficients."""
+"""Stopping criteria of coordinate descent: the relative dual gap, and the maximum number of passes."""
 SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.0)[:6]
-"""Standard deviations of the first simplex around the last pose."""
+"""Standard deviations of the initial simplex around the last pose."""
 
 
 class Codebook:
-    """Codebooks (n, K, D) of n landmarks, each of K patches of unit length."""
+    """Codebooks (n, K, D) of n landmarks, each with K patches of unit length."""
 
     def __init__(self, patches: Float32) -> None:
         from sklearn.linear_model import Lasso
@@ -63,7 +62,7 @@ class Codebook:
     def residuals(self, patches: Float32) -> Float32:
         """Squared residuals (n,) of the sparse representations of patches (n, D) of unit length.
 
-        A flat patch is zero, which any codebook represents; it counts as not represented at all.
+        A flat patch is zero, which any codebook represents exactly; it is given the largest residual instead.
         """
         from sklearn import config_context
 
@@ -76,7 +75,7 @@ class Codebook:
 
 @dataclass(frozen=True)
 class SparseEnergy:
-    """The energy of a pose (6,) in one frame, the animation given: (6,)."""
+    """The energy of a pose (6,) in one frame, for a fixed animation (6,)."""
 
     landmarks: LandmarkModel
     animation: Array
@@ -96,10 +95,10 @@ class SparseEnergy:
 class Tran2013Tracker(CandideTracker):
     """Residuals of sparse representations in codebooks of rendered patches (Tran and others 2013).
 
-    The likeness is one less the mean residual of the patches, which have unit length.
+    The similarity is one minus the mean residual of the patches, which have unit length.
     """
 
-    least_likeness = 0.4
+    least_similarity = 0.4
     animated = False
 
     def __init__(self, evaluations: int = 150, seed: int = 0) -> None:
@@ -112,9 +111,9 @@ class Tran2013Tracker(CandideTracker):
         patches = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
         self.codebook = Codebook(np.stack(patches, axis=1))
 
-    def _search(self, frame: Frame) -> Found:
+    def _search(self, frame: Frame) -> SearchResult:
         crop = face_crop(self.b, self.camera, upright=False)
         gray = crop.sample(frame, BLUR)
         problem = SparseEnergy(self.landmarks, self.fit.animation, self.camera, crop, gray, self.codebook)
         found = self._simplex.minimize(problem, self.b[:6])
-        return Found(np.concatenate([found.b, self.fit.animation]), 1 - found.energy / len(VERTICES))
+        return SearchResult(np.concatenate([found.b, self.fit.animation]), 1 - found.energy / len(VERTICES))

@@ -1,16 +1,16 @@
-"""Xiao, Moriyama, Kanade, Cohn 2003: a cylinder, a template renewed every frame, and re-registration.
+"""Xiao, Moriyama, Kanade, Cohn 2003: a cylinder, a dynamic template, and re-registration.
 
 J. Xiao, T. Moriyama, T. Kanade, J. F. Cohn, "Robust full-motion recovery of head by dynamic templates and
 re-registration techniques", International Journal of Imaging Systems and Technology 13(1), 2003.
 
-The full motion of the head between two frames is the twist that makes the cylinder's surface look as in the
-last frame, by iteratively re-weighted least squares. The template is then renewed, which follows changes of
-light and expression but adds up the error of every frame. That error is taken back whenever the head comes
-near the pose of a reference, a template that was stored before: the frame is registered with it as well.
+The full motion of the head between two frames is the twist that best aligns the cylinder's surface with the last frame,
+by iteratively re-weighted least squares. The template is then replaced in every frame, which follows changes of light
+and expression but accumulates error. That drift is corrected whenever the head comes close to the pose of a reference,
+a template stored earlier: the frame is then registered with it as well.
 
-Simplifications: the radius, place and first pose of the cylinder come from the fitted CANDIDE instead of a
-rectangle around the face; the image is compared at the points of a grid on the cylinder instead of at the
-pixels of the template; a lost head is searched for by the normalised correlation of the first face.
+Simplifications: the radius, position and initial pose of the cylinder come from the fitted CANDIDE instead of a
+rectangle around the face; images are compared at the points of a grid on the cylinder instead of at the pixels of the
+template; a lost head is searched for by the normalised correlation of the first face.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mien.baselines.surface import (
     look,
     look_first,
     register,
-    take,
+    take_template,
 )
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -40,10 +40,10 @@ from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
 
 LEAST_CORRELATION = 0.7
-"""Below it the frame does not show what the template shows."""
+"""Correlation below which a frame does not match the template."""
 LEAST_REFERENCE_CORRELATION = 0.8
 REFERENCE_SPACING_DEG = 15.0
-"""A new reference is stored where none is so near; within this angle the nearest one is registered with."""
+"""A frame is registered with the nearest reference within this angle; if there is none, it becomes a new reference."""
 
 
 @dataclass(frozen=True)
@@ -55,31 +55,31 @@ class Reference:
 
 
 class XiaoTracker:
-    """Cylinder with a dynamic template and re-registration; without `reregister` the template alone."""
+    """Cylinder with a dynamic template and re-registration; without `reregister`, only the template."""
 
     def __init__(self, *, reregister: bool = True) -> None:
         self.reregister = reregister
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Lay the cylinder into the fitted face; its look is the template and the first reference."""
+        """Fit the cylinder to the face; its appearance is the template and the first reference."""
         landmarks.check(frame.width, frame.height)
         fit = fit_first_frame(landmarks, camera)
-        self.head = RigidHead.of(frame, fit, camera, cylinder(fit))
+        self.head = RigidHead.from_first_frame(frame, fit, camera, cylinder(fit))
         self.pose, self.status = self.head.first, Status.INITIALIZED
-        self.template = take(self.head.surface, look_first(frame, self.pose, camera), self.pose)
+        self.template = take_template(self.head.surface, look_first(frame, self.pose, camera), self.pose)
         self.references = [Reference(self.template, self.pose)]
         return self.head.estimate(frame, self.status, self.pose)
 
     def track(self, frame: Frame) -> Estimate:
-        """Register with the last frame, then with the nearest reference, and renew the template."""
+        """Register with the last frame, then with the nearest reference, and update the template."""
         view = look(frame, self.pose, self.head.camera)
         found = None if view is None else self._register(self.template, view, self.pose, LEAST_CORRELATION)
         if found is None and self.status is Status.LOST:
             view, found = self._search(frame)
         if found is None or view is None or not self.head.in_sight(frame, found.pose):
             return self._lost(frame)
-        self.pose = self._reregistered(view, found.pose) if self.reregister else found.pose
-        self._renew(view)
+        self.pose = self._reregister(view, found.pose) if self.reregister else found.pose
+        self._update_template(view)
         self.status = Status.RECOVERED if self.status is Status.LOST else Status.TRACKED
         return self.head.estimate(frame, self.status, self.pose)
 
@@ -87,27 +87,28 @@ class XiaoTracker:
         r = register(self.head.surface, template, view, start, weights)
         return r if r is not None and r.correlation >= least else None
 
-    def _reregistered(self, view: View, pose: Pose) -> Pose:
-        """The pose according to the nearest reference, if one is near and the frame looks like it."""
+    def _reregister(self, view: View, pose: Pose) -> Pose:
+        """The pose from registration with the nearest reference, if one is close and matches; else the given pose."""
         angles = [float(angle_between(r.pose.R, pose.R)) for r in self.references]
         nearest = int(np.argmin(angles))
         if angles[nearest] > np.radians(REFERENCE_SPACING_DEG):
-            self.references.append(Reference(take(self.head.surface, view, pose), pose))
+            self.references.append(Reference(take_template(self.head.surface, view, pose), pose))
             return pose
         r = self._register(self.references[nearest].template, view, pose, LEAST_REFERENCE_CORRELATION)
         return pose if r is None else r.pose
 
-    def _renew(self, view: View) -> None:
-        """The template of the next frame: this one, but for points that are outliers now, which keep their look."""
-        new = take(self.head.surface, view, self.pose)
+    def _update_template(self, view: View) -> None:
+        """Replace the template by this frame, except at points that are outliers, which keep their values."""
+        new = take_template(self.head.surface, view, self.pose)
         both = self.template.known & new.known
         e = np.where(both, self.template.values[-1] - new.values[-1], 0.0)
         outlier = both & (np.abs(e) > 3 * _scale(e[both])) if both.any() else both
         self.template = replace(new, values=np.where(outlier, self.template.values, new.values))
 
     def _search(self, frame: Frame) -> tuple[View | None, Registration | None]:
-        """A lost head: where the frame resembles the first face, register with every reference; the best counts."""
-        t = self.head.relocated(frame).t
+        """Search for a lost head: at the best match of the first face, register with every reference, and take the
+        best."""
+        t = self.head.relocate(frame).t
         view = look(frame, Pose(self.pose.R, t), self.head.camera)
         if view is None:
             return None, None
@@ -121,7 +122,7 @@ class XiaoTracker:
 
 
 def weights(r: Residuals) -> Array:
-    """Product of the paper's three: residual (non-rigid motion, occlusion), projection density, gradient."""
+    """Product of the paper's three weights: residual (non-rigid motion, occlusion), projection density, gradient."""
     residual = np.exp(-0.5 * (r.e / (2 * _scale(r.e))) ** 2)
     gradient = 1 - np.exp(-0.5 * (r.gradient / (np.median(r.gradient) + 1e-6)) ** 2)
     return np.asarray(1e-6 + residual * r.cosine * gradient)
