@@ -66,7 +66,7 @@ class RealtimeSettings(Settings):
     view_limit_pan_deg: float = Field(50.0, gt=0, description="largest pan of the rendered views")
     view_crowding: float = Field(1.4, gt=0, description="spacing exponent: 1 is even, more is denser near frontal")
     views_per_angle: int = Field(10, ge=4, description="number of rendered tilts, and of rendered pans")
-    light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views, logarithm of its gain")
+    light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views: logarithm of its gain")
     eye_share: float = Field(0.2, ge=0, description="weight of moved eyes in the covariance, relative to all views")
     closing_share: float = Field(0.25, gt=0, description="eye closure above which the eye landmarks are ignored")
     rank: int = Field(20, ge=0, description="rank of the covariance above its floor")
@@ -91,7 +91,7 @@ class RealtimeSettings(Settings):
     )
     least_distance: float = Field(6.0, gt=0, description="lower bound of the expected distance")
     retry_distance: float = Field(2.5, gt=0, description="relative distance above which a coarse search starts")
-    retry_share: float = Field(0.8, ge=0, le=1, description="fraction of matching landmarks that makes it unnecessary")
+    retry_share: float = Field(0.8, ge=0, le=1, description="fraction of matching landmarks that needs no search")
     seen_distance: float = Field(
         100.0, gt=0, description="largest squared distance of a landmark that matches the face"
     )
@@ -140,18 +140,20 @@ class RealtimeSettings(Settings):
     motion_translation: float = Field(0.0085, ge=0, description="systematic error of measured motion: CANDIDE units")
     motion_animation: float = Field(0.015, ge=0, description="systematic error of measured motion: animation units")
     motion_share: float = Field(0.35, ge=0, description="systematic error of measured motion, as a fraction of it")
-    hold_share: float = Field(0.6, ge=0, le=1, description="matching fraction below which the prediction is mixed in")
+    hold_share: float = Field(
+        0.6, ge=0, le=1, description="fraction of matching landmarks below which the prediction is mixed in"
+    )
     hold_rotation_deg: float = Field(4.0, gt=0, description="standard deviation of head motion per frame: degrees")
     hold_translation: float = Field(0.1, gt=0, description="standard deviation of head motion: CANDIDE units")
     hold_animation: float = Field(0.2, gt=0, description="standard deviation of facial motion: animation units")
     rest_animation: float = Field(0.7, gt=0, description="standard deviation of the animation about the first frame's")
     rest_mouth: float = Field(2.0, gt=0, description="standard deviation of the mouth's units about the first frame's")
-    rest_firmness: float = Field(22.0, ge=0, description="relative increase of the inverse variance at rest")
+    rest_firmness: float = Field(22.0, ge=0, description="relative increase of that inverse variance at rest")
     rest_mouth_firmness: float = Field(120.0, ge=0, description="the same for the mouth's units")
     rest_jaw_firmness: float = Field(92.0, ge=0, description="the same for jaw_drop, which moves readily")
     rest_within: float = Field(0.04, gt=0, description="animation at which half of that increase remains")
     rest_turn_deg: float = Field(12.0, gt=0, description="rotation of the head at which these variances are halved")
-    hidden_cosine: float = Field(-0.1, description="cosine of normal and viewing ray below which it is hidden")
+    hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     hidden_depth: float = Field(0.2, gt=0, description="depth behind the face's own surface above which it is hidden")
     sidelong_weight: float = Field(0.03, gt=0, le=1, description="weight of a view that sees a landmark edge-on")
     lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean that halves a view's weight")
@@ -159,7 +161,7 @@ class RealtimeSettings(Settings):
     relief_sd: float = Field(0.12, ge=0, description="relative standard deviation of the whole face's depth")
     depth_sd: float = Field(0.08, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
     depth_length: float = Field(0.5, gt=0, description="correlation length of the depth errors, CANDIDE units")
-    slope_sd: float = Field(0.1, ge=0, description="contribution of the surface slope, per unit of its tangent")
+    slope_sd: float = Field(0.1, ge=0, description="depth error from the slope of the surface, per unit of its tangent")
     eyes_sd: float = Field(0.13, ge=0, description="common depth error of eyes and brows: eye sockets, glasses")
     lateral_sd: float = Field(
         0.005, gt=0, description="standard deviation of a landmark across the first frame's ray, CANDIDE units"
@@ -176,14 +178,18 @@ class RealtimeSettings(Settings):
     expression_sd: float = Field(0.16, gt=0, description="animation that halves a frame's weight in learning shape")
     shape_bin_deg: float = Field(4.0, gt=0, description="size of a pose bin, within which errors repeat")
     forgetting: float = Field(0.1, ge=0, lt=1, description="alpha of Eq. (7), for eyes of unexpected appearance")
-    strange_distance: float = Field(4.0, ge=0, description="relative distance above which it is unexpected")
+    strange_distance: float = Field(
+        4.0, ge=0, description="relative distance above which their appearance is unexpected"
+    )
     spectacles_distance: float = Field(2.5, ge=0, description="the same once glasses are detected")
     spectacles_rate: float = Field(
         0.15, ge=0, lt=1, description="per-frame rate of the glasses detector's moving average"
     )
-    adaptation_turn_deg: float = Field(5.0, gt=0, description="rotation at which half of that rate is reached")
+    adaptation_turn_deg: float = Field(5.0, gt=0, description="rotation at which half of `forgetting` applies")
     view_rate: float = Field(0.3, ge=0, lt=1, description="alpha of Eq. (7), for a rotated face")
-    view_strange_distance: float = Field(2.5, ge=0, description="relative distance above which it is learned")
+    view_strange_distance: float = Field(
+        2.5, ge=0, description="relative distance above which its appearance is learned"
+    )
     view_turn_deg: float = Field(12.0, gt=0, description="rotation below which it is not learned")
 
 
