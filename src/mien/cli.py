@@ -90,7 +90,7 @@ Faces = Annotated[
         min=1, metavar="N", help="Track up to N faces, the others into NAME.face1.csv, NAME.face2.csv, and so on."
     ),
 ]
-Preset = Annotated[str, typer.Option(help="The tracker; realtime:FILE uses the settings of a JSON that mien wrote.")]
+Preset = Annotated[str, typer.Option(help="The tracker; realtime:FILE reads its settings from a JSON file.")]
 Passes = Annotated[
     int, typer.Option(min=1, max=2, help="2: track a file twice, the second time with the face shape learned so far.")
 ]
