@@ -9,6 +9,7 @@ import shutil
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,6 +123,36 @@ def test_a_folder_of_images_that_is_named_is_a_video(code: dict[str, str], tmp_p
     assert _states(track_all([folder], out)) == ["tracked"]
     (folder / "deeper" / "a.mp4").write_bytes(b"")
     assert find_videos([folder], out) == [(folder / "deeper" / "a.mp4", out / "deeper" / "a.csv")]
+
+
+def test_odd_names_do_not_end_a_batch(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    """A name that is not UTF-8, a link to itself, and a folder that is named like a video."""
+    strange = videos / os.fsdecode(b"lat\xe9in.mp4")
+    try:
+        strange.write_bytes(b"")
+    except OSError:
+        pytest.skip("this file system takes no such names")
+    (videos / "loop.mp4").symlink_to("loop.mp4")
+    (videos / "takes.mp4").mkdir()
+    out = tmp_path / "out"
+    found = {row.video.name for row in track_all([videos], out)}
+    assert {"a.mp4", strange.name, "loop.mp4"} <= found
+    assert "takes.mp4" not in found
+    (videos / "loop.mp4").unlink()
+    assert {row.state for row in track_all([videos], out)} == {"kept"}
+
+
+def test_a_folder_that_cannot_be_read_is_named(videos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scan = os.scandir
+
+    def refuse(path: str) -> Any:
+        if Path(path).name == "sub":
+            raise PermissionError(13, "Permission denied", str(path))
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    with pytest.warns(MienWarning, match=r"sub cannot be read \(permission denied\)"):
+        assert [video.name for video, _ in find_videos([videos], tmp_path / "out")] == ["a.mp4"]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")

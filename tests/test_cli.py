@@ -552,3 +552,42 @@ def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Pa
     assert done.returncode == 130, done.stderr
     assert "Traceback" not in done.stderr
     assert len(Track.read(tmp_path / "out.csv")) == 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_nohup_keeps_it_going(video: Path, marks: Path, tmp_path: Path) -> None:
+    """nohup starts a program with the signal of a closed terminal ignored."""
+    code = (
+        "import os, signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "from mien.cli import main\nfrom mien.tracking.realtime import RealtimeTracker\n"
+        "original = RealtimeTracker.track\n"
+        "def track(self, frame):\n"
+        "    os.kill(os.getpid(), signal.SIGHUP)\n"
+        "    return original(self, frame)\n"
+        "RealtimeTracker.track = track\nmain()\n"
+    )
+    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(Track.read(tmp_path / "out.csv")) == 6
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file descriptors of POSIX")
+def test_without_standard_streams(video: Path, tmp_path: Path) -> None:
+    """As a program starts it that has no terminal; the face is found by the real detector, whose log is silenced."""
+    code = "import os\nfor number in range(3): os.close(number)\nfrom mien.cli import main\nmain()\n"
+    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv"]
+    assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 0
+    assert len(Track.read(tmp_path / "out.csv")) == 6
+
+
+def test_a_picture_among_the_images_of_the_video_is_refused(
+    refused: Callable[..., None], marks: Path, tmp_path: Path
+) -> None:
+    """It would be a frame of the next run, or take the place of one."""
+    (tmp_path / "images").mkdir()
+    for k, image in enumerate(portrait_images()):
+        cv2.imwrite(str(tmp_path / "images" / f"{k}.png"), image[..., ::-1])
+    for options in (["track", "--plot", "images/0.png"], ["landmarks", "--plot", "images/x.png"],
+                    ["landmarks", "-o", "images/x.json"]):  # fmt: skip
+        refused([options[0], "images", "--landmarks", marks, *options[1:]], "would become an image of the video images")

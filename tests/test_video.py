@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import struct
 import tracemalloc
 import warnings
 from collections.abc import Callable
@@ -11,9 +12,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
+from av.stream import Disposition
 from numpy.typing import NDArray
 
 from mien.errors import MienError, MienWarning
@@ -393,6 +396,79 @@ def test_folder_is_read_by_name_whatever_the_images_depth(tmp_path: Path) -> Non
     np.testing.assert_array_equal(frames[1].pixels, image)
     np.testing.assert_array_equal(frames[2].pixels, image)
     np.testing.assert_allclose([f.time for f in frames], np.arange(3) / FOLDER_FPS)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_images_of_16_bits_may_use_fewer(bits: int, tmp_path: Path) -> None:
+    """Cameras store 10 or 12 bits so; the first image may be a dark one."""
+    for name, image in (("a", gradient(0) // 8), ("b", gradient(9))):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image[..., ::-1].astype(np.uint16) << (bits - 8))
+    np.testing.assert_array_equal(frames_of(tmp_path)[1].pixels, gradient(9))
+
+
+def _exif(orientation: int) -> bytes:
+    """A TIFF header with a single entry, the orientation."""
+    entry = struct.pack("<HHIHH", 274, 3, 1, orientation, 0)
+    return b"II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4)
+
+
+@pytest.mark.parametrize(("orientation", "quarters"), [(1, 0), (3, 2), (6, 3), (8, 1)])
+def test_a_photo_is_upright_as_a_file_and_in_a_folder(orientation: int, quarters: int, tmp_path: Path) -> None:
+    jpeg = cv2.imencode(".jpg", gradient(3)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+    exif = b"Exif\0\0" + _exif(orientation)
+    path = tmp_path / "photo.jpg"
+    path.write_bytes(jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + jpeg[2:])
+    upright = np.rot90(gradient(3), quarters)
+    for source in (path, tmp_path):
+        pixels = frames_of(source)[0].pixels
+        assert pixels.shape == upright.shape
+        assert np.abs(pixels.astype(int) - upright).mean() < 5
+
+
+def test_a_tiff_is_upright(tmp_path: Path) -> None:
+    image = np.arange(6, dtype=np.uint8).reshape(2, 3) * 40
+    tags = {256: 3, 257: 2, 258: 8, 259: 1, 262: 1, 273: 8, 274: 6, 277: 1, 278: 2, 279: 6}
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    content = b"II*\0" + struct.pack("<I", 14) + image.tobytes() + struct.pack("<H", len(tags)) + entries + bytes(4)
+    (tmp_path / "a.tif").write_bytes(content)
+    np.testing.assert_array_equal(frames_of(tmp_path)[0].pixels[..., 0], np.rot90(image, -1))
+
+
+def test_of_several_streams_the_one_is_read_that_players_show(tmp_path: Path) -> None:
+    path = tmp_path / "two.mkv"
+    with av.open(str(path), "w") as container:
+        streams = [container.add_stream("ffv1", 25) for _ in range(2)]
+        for stream, image in zip(streams, (gradient(0, 32, 24), gradient(0)), strict=True):
+            stream.height, stream.width, stream.pix_fmt = *image.shape[:2], "bgr0"
+        streams[0].disposition, streams[1].disposition = Disposition(0), Disposition.default
+        for stream, image in zip(streams, (gradient(0, 32, 24), gradient(0)), strict=True):
+            for picture in (av.VideoFrame.from_ndarray(image, format="rgb24"), None):
+                container.mux(stream.encode(picture))
+    np.testing.assert_array_equal(frames_of(path)[0].pixels, gradient(0))
+
+
+def test_the_cover_of_a_sound_file_is_no_video(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = av.open
+
+    def with_cover(*args: Any, **options: Any) -> Any:
+        container = opened(*args, **options)
+        container.streams.video[0].disposition = Disposition.attached_pic
+        return container
+
+    monkeypatch.setattr(av, "open", with_cover)
+    with pytest.raises(MienError, match=r"plain\.mkv is not a video"):
+        open_video(video)
+
+
+def test_a_name_with_a_colon_is_no_protocol(video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    video.rename(tmp_path / "2024-05-01T12:30:00.mkv")
+    assert len(frames_of(Path("2024-05-01T12:30:00.mkv"))) == 10
+
+
+def test_numbers_of_numpy_become_plain() -> None:
+    frame = Frame(gradient(0), np.int64(3), np.float32(0.5))  # type: ignore[arg-type]
+    assert (type(frame.index), type(frame.time)) == (int, float)
 
 
 def test_broken_image_of_a_folder_is_left_out_and_keeps_its_place(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from mien._version import __version__
 from mien.errors import MienError, require, warn
-from mien.files import require_writable, size_of, whole_file
+from mien.files import real_path, require_writable, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
@@ -33,6 +33,8 @@ _FACE = re.compile(r"\.face[0-9]+$")
 """The suffix that `Destination.of_face` appends to the stem of a table."""
 _WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
 """The note of a video whose process outlived the run that started it."""
+_CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "surrogateescape"}
+"""How the summary is opened: names of videos need not be valid UTF-8."""
 _MESSAGE_PREFIX = "mien: "
 """The prefix of warnings and errors on the command line."""
 
@@ -178,15 +180,30 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
         return
     # Overlays are videos too: they must not be tracked in the next run.
     require(
-        not path.resolve().is_relative_to(out.resolve()),
+        not real_path(path).is_relative_to(real_path(out)),
         f"{out} holds the videos; choose another folder for the tables with -o",
     )
-    below = (file for file in sorted(path.rglob("*")) if file.suffix.lower() in VIDEO_SUFFIXES)
+    below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES)
     shown = (file for file in below if not any(part.startswith(".") for part in file.relative_to(path).parts))
-    videos = [file for file in shown if not file.resolve().is_relative_to(out.resolve())]
+    videos = [file for file in shown if not real_path(file).is_relative_to(real_path(out))]
     yield from ((file, file.relative_to(path)) for file in videos)
     if not videos and list_images(path):
         yield path, Path(f"{path.resolve().name}.images")
+
+
+def _files_below(folder: Path) -> list[Path]:
+    """All files in a folder and below it, and folders of images that are named like a video. Warns of a folder that
+    cannot be read."""
+
+    def report(error: OSError) -> None:
+        warn(f"{error.filename} cannot be read ({(error.strerror or str(error)).lower()}); its videos are not tracked")
+
+    found = []
+    for root, folders, files in os.walk(folder, onerror=report):
+        named = (Path(root, name) for name in folders if Path(name).suffix.lower() in VIDEO_SUFFIXES)
+        found += [file for file in named if os.access(file, os.R_OK) and list_images(file)]
+        found += [Path(root, name) for name in files]
+    return sorted(found)
 
 
 def _processors() -> int:
@@ -269,7 +286,7 @@ def _notes(summary: Path) -> dict[str, str]:
     if not summary.is_file():
         return {}
     try:
-        with summary.open(encoding="utf-8", newline="") as stream:
+        with summary.open(**_CSV) as stream:
             rows = [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
     except (ValueError, csv.Error):
         return {}
@@ -282,7 +299,7 @@ def _notes(summary: Path) -> dict[str, str]:
 def _write(found: Sequence[Sequence[Row]], path: Path) -> None:
     """Write the summary: one row per face, or per video without one."""
     names = [field.name for field in fields(Row)]
-    with whole_file(path) as file, file.open("w", encoding="utf-8", newline="") as stream:
+    with whole_file(path) as file, file.open("w", **_CSV) as stream:
         writer = csv.writer(stream)
         writer.writerow(names)
         for row in chain.from_iterable(found):

@@ -102,10 +102,22 @@ def main() -> None:
     # Imports and kernel compilation create many long-lived objects: collecting garbage among them took a tenth of the
     # start-up time, and tracking creates no garbage cycles.
     gc.set_threshold(100_000)
-    for name in ("SIGTERM", "SIGHUP"):  # save the frames tracked so far, as for Ctrl-C
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.default_int_handler)
+    for name in ("SIGTERM", "SIGHUP"):  # save the frames tracked so far, as for Ctrl-C; nohup has SIGHUP ignored
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    _open_standard_streams()
     app()
+
+
+def _open_standard_streams() -> None:
+    """Open what a parent process has closed of standard input, output and error: their numbers would be given to the
+    next files that are opened, into which native code then writes its messages."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
 
 
 @app.callback(invoke_without_command=True)

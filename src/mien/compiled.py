@@ -8,9 +8,12 @@ after editing `tracking/kernels.py`, touch `tracking/motion.py` as well, or it w
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar
 
 import numba
+
+from mien.errors import warn
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -22,11 +25,23 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
+@cache
+def _warn_without_cache() -> None:
+    warn(
+        "no folder for compiled code can be written, so every start takes as long as the first; "
+        "set NUMBA_CACHE_DIR to one that can"
+    )
+
+
 def kernel(**options: Any) -> Callable[[F], F]:
     """Decorator that compiles a function of arrays and numbers; options override the defaults for `numba.njit`."""
 
     def decorate(function: F) -> F:
-        compiled: F = numba.njit(**_OPTIONS | options)(function)
+        try:
+            compiled: F = numba.njit(**_OPTIONS | options)(function)
+        except RuntimeError:  # neither the package's folder nor the user's can be written
+            _warn_without_cache()
+            compiled = numba.njit(**_OPTIONS | options | {"cache": False})(function)
         return compiled
 
     return decorate

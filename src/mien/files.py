@@ -47,7 +47,8 @@ def named_errors(path: Path) -> Iterator[None]:
 
 def create_temporary(path: Path) -> Path:
     """New, empty, hidden file with the suffix of `path`, in the same folder so that a rename stays on one disk."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    stem = path.stem[:40]  # a longer name could exceed what the file system allows
+    handle, name = tempfile.mkstemp(prefix=f".{stem}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     return Path(name)
 
@@ -75,12 +76,17 @@ def json_text(values: Mapping[str, Any]) -> str:
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
 
 
+def real_path(path: Path) -> Path:
+    """The path with symbolic links resolved as far as they lead; `Path.resolve` fails where they lead in a circle."""
+    return Path(os.path.realpath(path))
+
+
 def checksum(path: Path) -> str:
     """SHA-256, in hexadecimal, of a file, or of the names and contents of the files in a folder."""
     digest = hashlib.sha256()
     for file in [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file()):
         if file != path:
-            digest.update(file.name.encode())
+            digest.update(os.fsencode(file.name))
         with file.open("rb") as f:
             while chunk := f.read(1 << 20):
                 digest.update(chunk)

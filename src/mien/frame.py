@@ -28,7 +28,7 @@ class Frame:
         """pixels: (H, W, 3) uint8 RGB, or a decoded image that provides them. Raises MienError for anything else."""
         if not isinstance(pixels, Decoded):
             _check(pixels)
-        self.image, self.index, self.time = pixels, index, time
+        self.image, self.index, self.time = pixels, int(index), float(time)
         self.height, self.width = (int(n) for n in pixels.shape[:2])
 
     def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float]]:
@@ -79,7 +79,10 @@ class Decoded:
         quarter turns."""
         from av.sidedata.sidedata import Type
 
-        matrix = self.image.side_data.get(Type.DISPLAYMATRIX)
+        try:
+            matrix = self.image.side_data.get(Type.DISPLAYMATRIX)
+        except ValueError:  # it fails on side data of a kind that PyAV does not know, such as EXIF
+            return 1, round(self.image.rotation / 90) % 4
         if matrix is None:
             return 1, 0
         a, b, _, c, d = np.frombuffer(matrix, np.int32)[:5].astype(float)  # x' = a x + c y, y' = b x + d y

@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from mien._version import __version__
 from mien.candide.model import Candide
 from mien.errors import MienError, interruption, require, warn
-from mien.files import checksum, require_writable, size_of
+from mien.files import checksum, real_path, require_writable, size_of
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import Array
@@ -33,7 +33,7 @@ from mien.registry import checked, create_tracker, file_of
 from mien.start import TURNED_DEG, Footage, Start, prepare, requested_options
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
-from mien.video import Source, Video, backwards, open_video
+from mien.video import Source, Video, backwards, open_video, refuse_among_images
 
 if TYPE_CHECKING:
     from mien.output.overlay import Mesh
@@ -238,7 +238,8 @@ def write_first_frame(
 
     require(Path(plot).suffix.lower() == ".png", f"{plot}: the picture is a PNG; choose a name that ends in .png")
     for path in (Path(output), Path(plot)):
-        require(path.resolve() != Path(str(video)).resolve(), f"{path} is the video; choose another name")
+        require(real_path(path) != real_path(Path(str(video))), f"{path} is the video; choose another name")
+        refuse_among_images(path, Path(str(video)))
         require_writable(path)
     begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())

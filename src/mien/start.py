@@ -170,6 +170,7 @@ def prepare(
     """
     point = face is None or (np.shape(face) == (2,) and bool(np.isfinite(face).all()))
     require(point, f"face is {face!r}; give a point in the image as two pixel coordinates")
+    face = face if face is None else (float(face[0]), float(face[1]))
     source, frames = footage.video, footage.frames()
     earliest = next(frames)
     camera = footage.camera_of(earliest)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,8 +22,10 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mien.errors import MienError, require, warn
+from mien.files import real_path
 from mien.frame import Decoded, Frame, Pixels
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
@@ -203,7 +206,7 @@ class VideoFile:
         import av
 
         with _container(self.path) as container:
-            packets = container.demux(container.streams.video[0])
+            packets = container.demux(_stream(container))
             times = (packet.dts for packet in packets if packet.dts is not None)
             try:
                 return all(before <= after for before, after in itertools.pairwise(times))
@@ -276,15 +279,36 @@ class ImageFolder:
         return _same_size(self._frames(), self.name)
 
     def _frames(self) -> Iterator[Frame]:
-        count = 0
+        count = bits = 0
         for index, file in enumerate(self.images):
-            image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+            image = _read_image(file)
             if image is None:
                 warn(f"{file} is not a readable image and was skipped")
                 continue
+            if image.dtype == np.uint16:
+                bits = max(bits, int(image.max()).bit_length())
+                image = _eight_bit(image, bits)
             yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, index / self.fps)
             count += 1
         require(count > 0, f"{self.path}: none of its {len(self.images)} images could be read; check the files")
+
+
+def _read_image(file: Path) -> Any:
+    """An image (H, W, 3) in BGR, uint8 or uint16, upright as its metadata says; None if it cannot be read."""
+    try:
+        data = np.fromfile(file, np.uint8)
+    except OSError:
+        return None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
+    if image is None or image.dtype in (np.uint8, np.uint16):
+        return image
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+def _eight_bit(image: NDArray[np.uint16], bits: int) -> Pixels:
+    """The upper 8 of the bits that are used: cameras store 10 or 12 bits in files of 16."""
+    used = next(depth for depth in (8, 10, 12, 14, 16) if depth >= bits)
+    return (image >> (used - 8)).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -354,7 +378,7 @@ class GivenFrames:
 
 def _open_file(path: Path) -> VideoFile:
     with _container(path) as container:
-        stream = container.streams.video[0]
+        stream = _stream(container)
         fps = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
         begin = stream.start_time * stream.time_base if stream.start_time else 0.0
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
@@ -375,6 +399,12 @@ def list_images(folder: Path) -> list[Path]:
     return sorted(found, key=_natural_order)
 
 
+def refuse_among_images(path: Path, video: Path) -> None:
+    """Raise MienError if a file to be written would become one of the images of a folder that is a video."""
+    among = path.suffix.lower() in IMAGE_SUFFIXES and video.is_dir() and real_path(path.parent) == real_path(video)
+    require(not among, f"{path} would become an image of the video {video}; choose a place outside of it")
+
+
 def _open_folder(path: Path) -> ImageFolder:
     images = list_images(path)
     require(bool(images), f"{path} holds no images; mien reads {', '.join(IMAGE_SUFFIXES)}")
@@ -391,15 +421,25 @@ def _container(path: Path) -> Any:
     import av
 
     try:
-        container = av.open(str(path), metadata_errors="ignore")
+        # An absolute path, since what stands before a colon would be taken for a protocol.
+        container = av.open(os.path.abspath(path), metadata_errors="ignore")
     except (av.error.FFmpegError, OSError) as error:
         reason = (error.strerror or str(error)).lower()
         raise MienError(f"{path} cannot be read as a video ({reason}); check or convert the file") from error
     # FFmpeg accepts any text file as the format "tty", terminal output.
-    if not container.streams.video or container.format.name == "tty":
+    if _stream(container) is None or container.format.name == "tty":
         container.close()
         raise MienError(f"{path} is not a video; give a video file or a folder of images")
     return container
+
+
+def _stream(container: Any) -> Any:
+    """The video stream that players show; None if there is none but the cover picture of a sound file."""
+    from av.stream import Disposition
+
+    streams = [stream for stream in container.streams.video if not stream.disposition & Disposition.attached_pic]
+    best = container.streams.best("video")
+    return best if best in streams else next(iter(streams), None)
 
 
 def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
@@ -408,7 +448,7 @@ def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
     import av
 
     with _container(path) as container:
-        stream = container.streams.video[0]
+        stream = _stream(container)
         stream.thread_type = "AUTO"
         try:
             if begin is not None:

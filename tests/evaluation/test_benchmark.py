@@ -241,6 +241,9 @@ def test_a_folder_holds_one_data_set(tmp_path: Path) -> None:
         run_plan(plan)
     with pytest.raises(MienError, match="contains no results"):
         Evaluation.load(tmp_path)
+    (plan.out / "evaluation.json").write_text("[]")
+    with pytest.raises(MienError, match="not from this version"):
+        Evaluation.load(plan.out)
 
 
 def test_labels_and_commands() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -63,3 +65,10 @@ def test_what_lies_in_the_image() -> None:
     camera = Camera(100.0, 50.0, 40.0)
     X = np.array([[0.0, 0, 1], [-0.5, -0.4, 1], [0.5, 0, 1], [0, -0.41, 1], [0, 0, -1]])
     np.testing.assert_array_equal(camera.in_image(X, 100, 80), [True, True, False, False, False])
+
+
+def test_numbers_of_numpy_become_plain() -> None:
+    """They are saved as JSON."""
+    K = np.array([[500, 0, 160], [0, 500, 120], [0, 0, 1]], np.float32)
+    camera = Camera(K[0, 0], K[0, 2], K[1, 2])
+    assert json.loads(json.dumps(asdict(camera))) == {"focal_px": 500, "cx": 160, "cy": 120}

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from mien.candide.model import TRACKED_UNITS
@@ -290,6 +291,29 @@ def test_read_refuses_what_is_no_track(text: str, tmp_path: Path) -> None:
     (tmp_path / "out.csv").write_text(text)
     with pytest.raises(MienError, match=r"out\.csv"):
         Track.read(tmp_path / "out.csv")
+
+
+def test_read_refuses_a_damaged_parquet(track: Track, tmp_path: Path) -> None:
+    track.save(tmp_path / "out")
+    path = tmp_path / "out.parquet"
+    content = bytearray(path.read_bytes())
+    content[50:-500] = bytes(len(content) - 550)
+    path.write_bytes(content)
+    with pytest.raises(MienError, match=r"out\.parquet"):
+        Track.read(path)
+
+
+def test_columns_of_ones_own_are_no_landmarks(track: Track) -> None:
+    landmarks = track.landmarks
+    noted = replace(track, table=track.table.append_column("x_note", pa.nulls(len(track), pa.string())))
+    assert landmarks is not None
+    np.testing.assert_array_equal(noted.landmarks, landmarks)
+
+
+def test_a_long_name_is_written(track: Track, tmp_path: Path) -> None:
+    name = 240 * "n"
+    track.save(tmp_path / f"{name}.csv")
+    assert len(Track.read(tmp_path / f"{name}.csv")) == len(track)
 
 
 def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ class Evaluation:
             values: Any = json.loads(path.read_text(encoding="utf-8"))
             members: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
             return cls(**members)
-        except (ValueError, TypeError) as e:
+        except (ValueError, TypeError, AttributeError) as e:
             raise MienError(f"{path} is not from this version of mien ({e}); evaluate into another folder") from e
 
 

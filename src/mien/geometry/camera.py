@@ -31,6 +31,8 @@ class Camera:
         numbers = all(isinstance(v, Real) and math.isfinite(v) for v in values)
         require(numbers, f"camera {values} contains a value that is not a finite number")
         require(self.focal_px > 0, f"the focal length must be positive, not {self.focal_px:g} pixels")
+        for name, value in zip(("focal_px", "cx", "cy"), values, strict=True):
+            object.__setattr__(self, name, float(value))  # NumPy's numbers cannot be saved as JSON
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float = DEFAULT_FOV_DEG) -> Camera:

@@ -113,7 +113,12 @@ def silenced() -> _NativeLogFilter:
 @contextlib.contextmanager
 def _native_stderr_discarded() -> Iterator[None]:
     """Discard what native code writes to standard error; keep what Python writes."""
-    own, saved, null = sys.stderr, os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        saved = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    own, null = sys.stderr, os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     with os.fdopen(saved, "w", buffering=1, closefd=False) as screen:
         if own is sys.__stderr__:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mien.errors import require, warn
-from mien.files import require_ending, require_writable
+from mien.files import real_path, require_ending, require_writable
 from mien.output.track import PLOT_ENDINGS, Track, track_paths
+from mien.video import refuse_among_images
 
 OVERLAY_ENDINGS = (".mp4",)
 
@@ -40,13 +41,16 @@ class Destination:
 
     def check(self, inputs: Iterable[object]) -> None:
         """Raise MienError if a file cannot be written, or would overwrite an input or another output."""
-        taken = {Path(p).resolve() for p in inputs if isinstance(p, (str, Path))}
+        files = [Path(p) for p in inputs if isinstance(p, (str, Path))]
+        taken = {real_path(file) for file in files}
         for path in self.paths():
             require(
-                path.resolve() not in taken,
+                real_path(path) not in taken,
                 f"{path} would overwrite an input or another output; choose another name",
             )
-            taken.add(path.resolve())
+            for file in files:
+                refuse_among_images(path, file)
+            taken.add(real_path(path))
             require_writable(path)
 
     def of_face(self, face_id: int) -> Destination:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import mmap
 import tempfile
@@ -144,7 +145,8 @@ class Track:
     @cached_property
     def landmarks(self) -> Array | None:
         """(n, m, 2) pixels."""
-        count = sum(1 for name in self.table.column_names if name.startswith("x_"))
+        names = set(self.table.column_names)
+        count = next(i for i in itertools.count() if f"x_{i}" not in names)
         x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
         return None if x is None or y is None else np.stack([x, y], axis=-1)
 
@@ -208,7 +210,7 @@ class Track:
             table = _read_parquet(path) if ending == ".parquet" else _read_csv(path)
             reading = beside
             metadata = json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
-        except (pa.ArrowInvalid, ValueError, CSVError) as error:
+        except (pa.ArrowException, OSError, ValueError, CSVError) as error:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
         missing = {"frame", "timestamp", "confidence", "success", "status"} - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
@@ -249,7 +251,8 @@ class Track:
     def _write_parquet(self, path: Path) -> None:
         from pyarrow import parquet
 
-        parquet.write_table(self.table, path, row_group_size=16 * BATCH)  # bounds the memory
+        with path.open("wb") as stream:  # see `_read_csv`
+            parquet.write_table(self.table, stream, row_group_size=16 * BATCH)  # bounds the memory
 
 
 class Recorder:
@@ -325,14 +328,18 @@ def _read_csv(path: Path) -> pa.Table:
 
     with opened_csv(path) as file:
         names = [n.strip() for n in next(reader(file), [])]
-        content = pa.BufferReader(file.getvalue().encode()) if isinstance(file, StringIO) else path
+        content = file.getvalue().encode() if isinstance(file, StringIO) else path.read_bytes()
     types = {n: known for n in names if (known := column_type(n)) is not None}
     missing = ["", "NA", "NaN", "nan"]
     options = csv.ConvertOptions(column_types=types, null_values=missing, strings_can_be_null=True)
-    return csv.read_csv(content, csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options)
+    # Not by its path: PyArrow opens no file whose name is not UTF-8.
+    return csv.read_csv(
+        pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
+    )
 
 
 def _read_parquet(path: Path) -> pa.Table:
     from pyarrow import parquet
 
-    return parquet.read_table(path)
+    with path.open("rb") as stream:
+        return parquet.read_table(stream)
