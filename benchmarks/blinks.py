@@ -18,10 +18,11 @@ from inputs import carry_out
 from recordings import asked, rotations, seen_by_mediapipe
 
 import mien
+from mien.arrays import Array
 from mien.config import RealtimeSettings
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
-from mien.geometry.rotation import Array, exp, log
+from mien.geometry.rotation import exp, log
 from mien.tracking.realtime import RealtimeTracker
 
 LIDS, CORNERS = ((159, 145), (386, 374)), ((33, 133), (362, 263))

@@ -24,11 +24,11 @@ from scipy.optimize import minimize
 from skimage import data
 from turned_start import begun_at
 
+from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.figures import reliability_diagram
 from mien.evaluation.metrics import RIGHT_DEG, reliability
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from mien.tracking import realtime, uncertainty
 from mien.tracking.realtime import RealtimeTracker
 

@@ -13,15 +13,15 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Array, Mask, Pixels
 from mien.demo import NOISE_SD, demo_states
 from mien.evaluation.metrics import jitter_deg, root_mean_square
 from mien.evaluation.protocols import Protocol, relative
-from mien.geometry.rotation import Array, exp, log
+from mien.geometry.rotation import exp, log
 from mien.synthetic import Portrait, make_sequence, pictures, portrait
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Mask, pack, unpack
+from mien.tracking.state import pack, unpack
 
 FRAMES, REALISATIONS = 100, 8
 STEPS = np.repeat([np.radians(0.25), 0.005, 0.02], [3, 3, 6])
@@ -49,7 +49,7 @@ def face_mask(face: Portrait, b: Array) -> Mask:
     """(H, W) where the model's mesh lies in a picture."""
     R, t, animation = unpack(b)
     points = face.camera.project(face.fit.vertices(animation) @ R.T + t)[0]
-    mask: NDArray[np.uint8] = np.zeros(face.frame.pixels.shape[:2], np.uint8)
+    mask: Pixels = np.zeros(face.frame.pixels.shape[:2], np.uint8)
     cv2.fillConvexPoly(mask, cv2.convexHull(np.round(points).astype(np.int32)), (1,))
     return mask.astype(bool)
 

@@ -18,7 +18,8 @@ import numpy as np
 from inputs import carry_out, videos_of
 from skimage import data
 
-from mien.frame import Frame, Pixels
+from mien.arrays import Pixels
+from mien.frame import Frame
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization import detector
 from mien.initialization.landmarks import Landmarks, place_of
@@ -37,7 +38,7 @@ def faces(recordings: Path) -> Iterator[tuple[Frame, Landmarks]]:
     """The first frame of every recording that shows a face, and that face."""
     for path in videos_of(recordings):
         frame = next(iter(open_video(path)))
-        found = detector.look(frame)
+        found = detector.detect_once(frame)
         if found:
             yield frame, found[0]
 
@@ -70,7 +71,7 @@ def shares_found(known: list[tuple[Frame, Landmarks]], size_px: int, rng: np.ran
             with detector._finder(detector._MAXIMUM_FACES) as finder:
                 near = [detector._landmarks(room, points) for points in finder.near(room)]
             alone.append(is_there(near, centre, size_px))
-            found.append(is_there(detector.look(room), centre, size_px))
+            found.append(is_there(detector.detect_once(room), centre, size_px))
     return float(np.mean(alone)), float(np.mean(found))
 
 

@@ -17,11 +17,12 @@ import cv2
 import numpy as np
 from inputs import carry_out, videos_of
 
+from mien.arrays import Pixels
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import TrackTable
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.detector import detect
 from mien.registry import create_tracker

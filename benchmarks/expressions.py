@@ -17,9 +17,10 @@ from inputs import carry_out
 from recordings import asked, seen_by_mediapipe
 
 import mien
+from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
-from mien.geometry.rotation import Array, similarity
+from mien.geometry.rotation import similarity
 
 STILL = [1, 4, 5, 6, 8, 9, 10, 33, 54, 93, 103, 127, 133, 151, 168, 195, 197, 234, 263, 284, 323, 332, 356, 362, 454]
 """Points of nose, forehead, temples, and the corners of the eyes."""

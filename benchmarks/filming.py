@@ -10,9 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mien.appearance.rendering import Image
+from mien.arrays import Float32, Pixels
 from mien.evaluation.datasets.rendered import CAMERA
-from mien.frame import Pixels
 from mien.geometry.camera import Camera
 
 SIZE = (320, 240)
@@ -24,7 +23,7 @@ class Studio:
     """Camera and background (H, W, 3) of pictures that are larger than they are kept."""
 
     camera: Camera
-    background: Image
+    background: Float32
 
     @classmethod
     def build(cls, times: int, rng: np.random.Generator) -> Studio:
@@ -36,7 +35,7 @@ class Studio:
         return cls(camera, np.asarray(cv2.resize(mottled, size, interpolation=cv2.INTER_CUBIC), np.float32))
 
 
-def taken(large: Image, rng: np.random.Generator) -> Pixels:
+def taken(large: Float32, rng: np.random.Generator) -> Pixels:
     """The picture as it is kept: shrunk, with noise."""
     image = cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
     return np.asarray(np.clip(np.round(image + rng.normal(0, NOISE_SD, image.shape)), 0, 255), np.uint8)

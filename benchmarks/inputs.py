@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import MienError, require
-from mien.geometry.rotation import Array
 from mien.video import VIDEO_SUFFIXES
 
 

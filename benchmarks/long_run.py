@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from inputs import carry_out
 
+from mien.arrays import Array
 from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence, Truth
@@ -25,7 +26,6 @@ from mien.evaluation.metrics import mean_absolute_error
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.run import peak_memory_mb
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import RealtimeTracker

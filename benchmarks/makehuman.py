@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.appearance.rendering import Image, vertex_normals
+from mien.appearance.rendering import vertex_normals
+from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.errors import require
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 
 AMBIENT, DIRECT = 0.55, 0.6
 """Light from everywhere, and what the lamp adds to it where it shines straight at the skin."""
@@ -40,7 +40,7 @@ class Part:
     corners: NDArray[np.intp]
     uv: Array
     triangles: NDArray[np.intp]
-    texture: Image
+    texture: Float32
 
     def vertices(self, body: Array) -> Array:
         """(C, 3) of the corners where the body is (V, 3)."""
@@ -123,7 +123,7 @@ def _faces(stream: list[int]) -> Iterator[tuple[list[int], list[int], int]]:
         yield vertices, places, material
 
 
-def draw(part: Part, X: Array, lamp: Array, camera: Camera, image: Image, depth: Image) -> None:
+def draw(part: Part, X: Array, lamp: Array, camera: Camera, image: Float32, depth: Float32) -> None:
     """Draw a part into an image (H, W, 3) and its depth (H, W), its corners at X (C, 3) in camera axes; lamp: (3,) unit
     vector towards it. Hair and cloth have no inside: they are lit from behind as from before."""
     far_first = part.triangles[np.argsort(-X[part.triangles, 2].mean(axis=1))]

@@ -20,9 +20,8 @@ from inputs import carry_out, truth_of
 from makehuman import MakeHuman, draw
 from spectacles import triangulated
 
-from mien.appearance.rendering import Image
-from mien.frame import Pixels
-from mien.geometry.rotation import FACING, Array, matrix_from_euler
+from mien.arrays import Array, Float32, Pixels
+from mien.geometry.rotation import FACING, matrix_from_euler
 
 MOTIONS = {
     "uniform1": "a_uniform1", "uniform2": "c_uniform2", "uniform3": "e_uniform3", "expression1": "a_expression1",
@@ -126,7 +125,7 @@ class Person:
         self.origin = eyes.vertices(self.body).mean(axis=0) + FROM_EYES
         self.axes = upright(self.body[np.array(PROFILE)].mean(axis=1)[:, 1:], profile)
 
-    def picture(self, weights: dict[str, float], R: Array, t: Array, lamp: Array, studio: Studio) -> Image:
+    def picture(self, weights: dict[str, float], R: Array, t: Array, lamp: Array, studio: Studio) -> Float32:
         """The person (H, W, 3) with an expression, weights of UNITS, at a pose."""
         body = self.body + sum(weight * self.shapes[shape] for shape, weight in weights.items())
         image, depth = studio.background.copy(), np.full(studio.background.shape[:2], np.inf, np.float32)

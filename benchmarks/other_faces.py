@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from mien.appearance.rendering import Texture, render
 from mien.appearance.surface import face_surface
+from mien.arrays import Array, Pixels
 from mien.errors import MienError
 from mien.evaluation.datasets.rendered import CAMERA
-from mien.frame import Pixels
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.initialization.detector import detect
 from mien.initialization.fit import fit_first_frame
 from mien.video import open_video

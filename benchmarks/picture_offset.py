@@ -18,10 +18,11 @@ import numpy as np
 from ablation import Run, prepare
 from inputs import carry_out, truth_of
 
+from mien.arrays import Array
 from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_VERTICES
 

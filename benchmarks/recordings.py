@@ -17,11 +17,11 @@ import numpy as np
 from inputs import carry_out, videos_of
 
 import mien
+from mien.arrays import Array, Mask
 from mien.errors import MienWarning
-from mien.geometry.rotation import Array, angle_between, matrix_from_euler
+from mien.geometry.rotation import angle_between, matrix_from_euler
 from mien.initialization.detector import first_with_a_face, follow
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Mask
 from mien.video import open_video
 
 

@@ -21,11 +21,11 @@ from inputs import carry_out
 from recordings import apart_deg, rotations
 
 import mien
+from mien.arrays import Pixels
 from mien.errors import MienWarning, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.evaluation.datasets.sequence import Sequence
-from mien.frame import Pixels
 from mien.geometry.rotation import FACING
 from mien.video import open_video
 

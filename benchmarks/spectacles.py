@@ -17,10 +17,10 @@ import numpy as np
 from filming import write_film
 from inputs import carry_out, truth_of
 
+from mien.arrays import Array, Pixels
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.rendered import CAMERA
-from mien.frame import Pixels
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.video import open_video
 
 RIM_COLOUR = (30, 25, 25)

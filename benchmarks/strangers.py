@@ -19,10 +19,11 @@ import cv2
 import numpy as np
 from inputs import carry_out, videos_of
 
+from mien.arrays import Pixels
 from mien.evaluation.datasets import load_dataset
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
-from mien.initialization.detector import detect, look
+from mien.initialization.detector import detect, detect_once
 from mien.tracking.realtime import RealtimeTracker
 from mien.video import open_video
 
@@ -40,7 +41,7 @@ def faces(recordings: Path, rendered: Path) -> Iterator[tuple[str, list[Pixels]]
     videos = {path.stem: path for path in videos_of(recordings)}
     for name, path in (videos | persons).items():
         frames = list(islice(open_video(path), BEFORE + BETWEEN + AFTER))
-        found = look(frames[0])
+        found = detect_once(frames[0])
         if found and len(frames) == BEFORE + BETWEEN + AFTER:
             scale = FACE_PX / float(np.ptp(found[0].points, axis=0).max())
             shift = 0.5 * np.array(SIZE) - scale * found[0].points.mean(axis=0)

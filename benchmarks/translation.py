@@ -16,9 +16,9 @@ import numpy as np
 from ablation import Run, prepare, track
 from inputs import carry_out, truth_of
 
+from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.metrics import ANGLE_LEVEL, coverage
-from mien.geometry.rotation import Array
 from mien.tracking.realtime import RealtimeTracker
 
 

@@ -17,8 +17,8 @@ from inputs import carry_out
 from recordings import apart_deg, asked, rotations
 
 import mien
+from mien.arrays import Array
 from mien.errors import MienWarning
-from mien.geometry.rotation import Array
 
 TURNS_DEG = (0, 15, 25, 35, 45, 60, 90)
 FRONT_DEG = TURNS_DEG[1]

@@ -21,11 +21,11 @@ from inputs import carry_out
 from recordings import apart_deg
 
 from mien import pipeline, start
+from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from mien.initialization.detector import detect
 from mien.tracking.realtime import RealtimeTracker
 

@@ -24,15 +24,14 @@ from confidence import boards
 from inputs import carry_out, videos_of
 from scipy.optimize import minimize
 
+from mien.arrays import Array, Mask
 from mien.evaluation.datasets import load_dataset
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.detector import first_with_a_face
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import realtime, uncertainty
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Mask
 from mien.video import open_video
 
 N = len(LANDMARK_NAMES)

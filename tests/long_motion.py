@@ -8,9 +8,10 @@ from functools import cache
 import cv2
 import numpy as np
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.frame import Frame
-from mien.geometry.rotation import Array, angle_between
+from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Estimate

@@ -8,8 +8,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from mien.frame import Pixels
-from mien.geometry.rotation import Array, angle_between
+from mien.arrays import Array, Pixels
+from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import place_of
 from mien.synthetic import Portrait, SyntheticSequence, make_sequence, moved, portrait
 from mien.tracking.state import Estimate, Tracker

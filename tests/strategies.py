@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from mien.appearance.views import rotation
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, matrix_from_euler
+from mien.geometry.rotation import FACING, exp, matrix_from_euler
 
 
 def vectors(low: float, high: float, size: int = 3) -> SearchStrategy[Array]:

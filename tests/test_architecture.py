@@ -11,7 +11,7 @@ import pytest
 import mien
 
 LAYERS = (
-    ("_version", "errors"),
+    ("_version", "errors", "arrays"),
     ("files", "csv_files", "compiled", "processes"),
     ("config",),
     ("frame",),

@@ -61,7 +61,7 @@ def detector(monkeypatch: pytest.MonkeyPatch) -> None:
     def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
         return next(((frame, look(frame, at)) for frame in frames if look(frame, at)), None)
 
-    for name, stands_for in (("everybody", look), ("detect", look), ("first_with_a_face", first_with_a_face)):
+    for name, stands_for in (("detect_all", look), ("detect", look), ("first_with_a_face", first_with_a_face)):
         monkeypatch.setattr(f"mien.initialization.detector.{name}", stands_for)
 
 
@@ -121,7 +121,7 @@ def test_what_is_done_is_written_when_it_is_stopped(video: Path, tmp_path: Path)
 
 
 def test_what_cannot_be_had(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mien.initialization.detector.everybody", lambda frame: [])
+    monkeypatch.setattr("mien.initialization.detector.detect_all", lambda frame: [])
     with pytest.raises(MienError, match=r"two\.mkv: no face was found"):
         track_faces(video, 2)
     with pytest.raises(MienError, match="0 faces to track"):

@@ -52,7 +52,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((240, 320, 3), 128, np.uint8))
     monkeypatch.setattr(live, "create_tracker", lambda name: Told())
     face = known_portrait().landmarks
-    monkeypatch.setattr(detector, "look", lambda frame, at: [face] * (frame.index >= SEEN.start))
+    monkeypatch.setattr(detector, "detect_once", lambda frame, at: [face] * (frame.index >= SEEN.start))
     monkeypatch.setattr(detector, "detect", lambda frame, at: [face])
     return tmp_path
 
@@ -105,7 +105,7 @@ def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: p
     monkeypatch.setattr(start, "_PATIENCE", 0.11)
     face = known_portrait().landmarks
     look = lambda frame, at: [replace(face, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
-    monkeypatch.setattr(detector, "look", look)
+    monkeypatch.setattr(detector, "detect_once", look)
     sure = {*range(6, 15), *range(18, 24)}
     monkeypatch.setattr(
         Told, "track", lambda told, frame: told._estimate(frame, Status.TRACKED, float(frame.index in sure))

@@ -278,7 +278,7 @@ class WiserTracker(StillTracker):
         self.stops = stops
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        self.axes = SimpleNamespace(tell_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
+        self.axes = SimpleNamespace(report_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
         return super().initialize(frame, landmarks, camera)
 
     def track(self, frame: Frame) -> Estimate:

@@ -13,9 +13,10 @@ import pytest
 import mien
 from long_motion import NOISE_SD
 from mien import start
+from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.frame import Frame
-from mien.geometry.rotation import FACING, Array, angle_between, matrix_from_euler
+from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.video import open_video
@@ -55,7 +56,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
     monkeypatch.setattr("mien.initialization.detector.follow", follow)
     monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [seen(frame)])
     monkeypatch.setattr(
-        "mien.initialization.detector.look", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
+        "mien.initialization.detector.detect_once", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(start, "DETECTION_INTERVAL", 0.2)

@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 import pytest
 from av.stream import Disposition
-from numpy.typing import NDArray
 
+from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.files import checksum
-from mien.frame import Decoded, Frame, Pixels
+from mien.frame import Decoded, Frame
 from mien.video import FOLDER_FPS, backwards, decode_frame, expected_count, open_video, select
 from videos import gradient, turn_by_metadata, write_video
 
@@ -366,7 +366,7 @@ class Device:
     def isOpened(self) -> bool:
         return True
 
-    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+    def read(self) -> tuple[bool, Pixels | None]:
         return (True, self.images.pop(0)) if self.images else (False, None)
 
     def release(self) -> None:

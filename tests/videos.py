@@ -11,13 +11,14 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Pixels
 from mien.initialization.landmark_files import write_landmarks
 from mien.synthetic import Portrait, make_sequence, moved, portrait
 
 MILLISECONDS = Fraction(1, 1000)
 
 
-def gradient(index: int, width: int = 64, height: int = 48) -> NDArray[np.uint8]:
+def gradient(index: int, width: int = 64, height: int = 48) -> Pixels:
     """(H, W, 3) red grows to the right, green downwards, blue is the index times ten."""
     image = np.zeros((height, width, 3), np.uint8)
     image[..., 0] = np.linspace(0, 250, width)[None, :]
@@ -76,7 +77,7 @@ def known_portrait() -> Portrait:
 
 
 @cache
-def portrait_images(count: int = 6) -> tuple[NDArray[np.uint8], ...]:
+def portrait_images(count: int = 6) -> tuple[Pixels, ...]:
     """The portrait turning by one degree a frame, rendered: (240, 320, 3) each."""
     angles = np.zeros((count, 3))
     angles[:, 1] = np.arange(count)

@@ -9,9 +9,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.files import require_writable, whole_file
-from mien.geometry.rotation import FACING, Array, euler_from_matrix
+from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
 from mien.output.overlay import OverlayWriter
 from mien.output.track import Track, track_paths

@@ -15,17 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
+from mien.arrays import Array, Mask
 from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks, place_of
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, run_passes
 from mien.registry import create_tracker, file_of
 from mien.start import DETECTION_INTERVAL, Footage, Start, prepare, sampled_frames
-from mien.tracking.state import Estimate, Mask, Tracker
+from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video
 
 _SAME_PLACE, _SAME_SIZE = 0.5, 1.6
@@ -167,10 +167,10 @@ def track_faces(
 
 def _detections(footage: Footage) -> Iterator[list[Sighting]]:
     """The detected faces, twice a second, the largest first."""
-    from mien.initialization.detector import everybody
+    from mien.initialization.detector import detect_all
 
     for cuts, frame in sampled_frames(footage):
-        yield [replace(_sighting(face), cuts=cuts) for face in everybody(frame)]
+        yield [replace(_sighting(face), cuts=cuts) for face in detect_all(frame)]
 
 
 def _sighting(face: Landmarks) -> Sighting:

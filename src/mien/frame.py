@@ -10,11 +10,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Pixels
 from mien.errors import require
-
-Pixels = NDArray[np.uint8]
 
 
 class Frame:

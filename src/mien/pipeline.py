@@ -17,12 +17,12 @@ import numpy as np
 from pydantic import BaseModel
 
 from mien._version import __version__
+from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError, interruption, require, warn
 from mien.files import checksum, real_path, require_writable, size_of
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import Landmarks, Point
@@ -192,7 +192,7 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
 def _finished_track(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:
     """The recorded track, with its rotations expressed in the head axes as the tracker finally knows them."""
     track = recorder.track(values)
-    return track.turned(tracker.axes.tell_anew()) if isinstance(tracker, AxesTracker) else track
+    return track.turned(tracker.axes.report_anew()) if isinstance(tracker, AxesTracker) else track
 
 
 def _next_tracker(this: Pass) -> Tracker:

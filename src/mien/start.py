@@ -18,10 +18,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point
@@ -264,9 +264,9 @@ class Patience:
 
     def __call__(self, frame: Frame) -> list[Landmarks]:
         """The faces of a frame, largest first, if tracking may start with it; else none."""
-        from mien.initialization.detector import detect, look
+        from mien.initialization.detector import detect, detect_once
 
-        faces = look(frame, self.at)
+        faces = detect_once(frame, self.at)
         if not faces:
             self.first_detection = None
             return []

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.appearance.rendering import Texture, render
+from mien.arrays import Array, Float32, Pixels
 from mien.candide.model import MOUTH_TRIANGLES
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, matrix_from_euler
+from mien.geometry.rotation import matrix_from_euler
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
@@ -119,7 +120,7 @@ def make_sequence(
     return SyntheticSequence(tuple(frames), R, t, animation, landmarks)
 
 
-def pictures(portrait: Portrait, states: Array) -> Iterator[NDArray[np.float32]]:
+def pictures(portrait: Portrait, states: Array) -> Iterator[Float32]:
     """The portrait in the states (n, 12), before noise and rounding: (H, W, 3) float32 images."""
     head = _HeadRenderer(portrait)
     return (head.draw(*unpack(b)) for b in states)
@@ -150,7 +151,7 @@ class _HeadRenderer:
         rim = outline + RIM_WIDTH * (outline - outline.mean(axis=0)) * [1, 1, 0] - [0, 0, RIM_DEPTH]
         return np.vstack([vertices, rim])
 
-    def draw(self, R: Array, t: Array, animation: Array) -> NDArray[np.float32]:
+    def draw(self, R: Array, t: Array, animation: Array) -> Float32:
         """(H, W, 3) float32 image of the head in this state in front of the background."""
         size = (self.frame.width, self.frame.height)
         large = (SUPERSAMPLING * size[0], SUPERSAMPLING * size[1])
@@ -167,7 +168,7 @@ def _rim_triangles(vertex_count: int) -> NDArray[np.intp]:
     return np.array([t for a, b, c, d in ring for t in ((a, d, c), (a, b, d))], dtype=np.intp)
 
 
-def _fading(pixels: Pixels, uv: Array) -> NDArray[np.float32]:
+def _fading(pixels: Pixels, uv: Array) -> Float32:
     """The image premultiplied by its opacity, which is the fourth channel: 1 on the face, 0 at the end of the rim."""
     outline, rim = uv[list(_OUTLINE)], uv[-len(_OUTLINE) :]
     width = float(np.linalg.norm(rim - outline, axis=1).mean()) / 6
@@ -175,13 +176,13 @@ def _fading(pixels: Pixels, uv: Array) -> NDArray[np.float32]:
     return np.asarray(np.concatenate([pixels * opacity, opacity], axis=2), np.float32)
 
 
-def _background(pixels: Pixels, uv: Array) -> NDArray[np.float32]:
+def _background(pixels: Pixels, uv: Array) -> Float32:
     """The portrait with the head inpainted, out of focus: (H, W, 3) float32."""
     without = cv2.inpaint(pixels, _filled(uv[-len(_OUTLINE) :], pixels), 5, cv2.INPAINT_TELEA)
     return np.asarray(cv2.GaussianBlur(without, (0, 0), 6), np.float32)
 
 
-def _filled(polygon: Array, pixels: Pixels) -> NDArray[np.uint8]:
+def _filled(polygon: Array, pixels: Pixels) -> Pixels:
     """Mask (H, W), 1 inside the polygon (n, 2)."""
     mask = np.zeros(pixels.shape[:2], np.uint8)
     cv2.fillPoly(mask, [np.round(polygon).astype(np.int32)], (1,))

@@ -24,9 +24,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Pixels
 from mien.errors import MienError, require, warn
 from mien.files import real_path
-from mien.frame import Decoded, Frame, Pixels
+from mien.frame import Decoded, Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 VIDEO_SUFFIXES = (

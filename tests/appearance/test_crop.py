@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from mien.appearance.crop import Crop, blurred
+from mien.arrays import Array, Pixels
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from strategies import vectors
 
 HEIGHT, WIDTH = 72, 96
 SLOPE = 2.6431  # not a simple fraction, so that errors of rounding even out
-Gray = NDArray[np.uint8]
+Gray = Pixels
 
 
 def _frame(gray: Gray) -> Frame:

@@ -7,20 +7,18 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import (
     LENGTH,
     OPENCV_BLUR,
     ORIENTATIONS,
-    Float32,
     describe,
     describe_with_jacobian,
     describe_with_opencv,
     orientation_maps,
 )
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Float32
 from mien.synthetic import make_sequence, moved
 from small_motion import face
 
@@ -159,7 +157,7 @@ def test_a_flat_image_has_no_descriptor_and_no_derivative() -> None:
     np.testing.assert_array_equal(J, 0)
 
 
-POINTS_OUTSIDE: NDArray[np.float64] = np.array([[-100.0, 20], [20, -1e6], [1e6, 1e6], [79, 79], [0, 0]])
+POINTS_OUTSIDE: Array = np.array([[-100.0, 20], [20, -1e6], [1e6, 1e6], [79, 79], [0, 0]])
 
 
 def test_points_outside_the_image_read_its_edge() -> None:

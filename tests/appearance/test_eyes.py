@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from mien.appearance.eyes import close_eye, turn_eye
-from mien.frame import Pixels
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Pixels
 
 CORNERS, LIDS = np.array([[40.0, 50.0], [80.0, 50.0]]), np.array([[60.0, 42.0], [60.0, 58.0]])
 SKIN, EYE = 200, 40

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mien.appearance.rendering import Texture, depth_buffer, render, vertex_normals
+from mien.arrays import Array
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 
 CAMERA = Camera(10, 0, 0)
 FRONT = np.array([[0, 1, 2]])

@@ -8,8 +8,8 @@ from scipy.interpolate import LinearNDInterpolator
 
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.surface import Surface, _interpolate, face_surface, on_surface
+from mien.arrays import Array
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks, rows_of_scheme
 from small_motion import face

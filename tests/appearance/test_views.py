@@ -20,9 +20,10 @@ from mien.appearance.views import (
     tilt_pan_of,
     view_rotations,
 )
+from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, angle_between
+from mien.geometry.rotation import FACING, angle_between
 from small_motion import face
 
 ANGLES = st.floats(-1.2, 1.2)

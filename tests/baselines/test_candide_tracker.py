@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.baselines.candide_tracker import CandideTracker, SearchResult
 from mien.errors import MienError
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from mien.registry import create_tracker
 from mien.tracking.state import Status
 from small_motion import face

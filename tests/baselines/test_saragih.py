@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from mien.appearance.crop import Crop
+from mien.arrays import Array
 from mien.baselines.candide_tracker import CandideTracker
 from mien.baselines.chen import ChenTracker
 from mien.baselines.saragih import Experts, MeanShift, SaragihTracker
-from mien.geometry.rotation import Array, angle_between, exp
+from mien.geometry.rotation import angle_between, exp
 from mien.synthetic import moved
 from mien.tracking.state import Status, pack, unpack
 from small_motion import face, run, small_motion, turn_error_deg

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.baselines.surface import (
     Pose,
     Residuals,
@@ -19,7 +20,7 @@ from mien.baselines.surface import (
 )
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, angle_between
+from mien.geometry.rotation import FACING, angle_between
 from mien.synthetic import make_sequence, moved
 from small_motion import face
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, Candide, mm_per_unit, with_eyes_closed
 from mien.errors import MienError
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from strategies import animations, head_rotations, head_translations
 

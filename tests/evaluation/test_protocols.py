@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from evaluation.tiny import angles_deg, head_rotations, truth
+from mien.arrays import Array
 from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.metrics import mean_absolute_error
@@ -20,7 +21,7 @@ from mien.evaluation.protocols import (
 from mien.evaluation.protocols import (
     angles_deg as angles_of,
 )
-from mien.geometry.rotation import FACING, Array, euler_from_matrix, euler_jacobian, exp
+from mien.geometry.rotation import FACING, euler_from_matrix, euler_jacobian, exp
 
 PROTOCOLS = list(Protocol)
 

@@ -13,11 +13,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mien.arrays import Array
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.points12 import POINT_NAMES
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, matrix_from_euler
+from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from videos import gradient, write_video

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from mien.arrays import Array
 from mien.errors import MienError
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from strategies import cameras, head_translations
 
 

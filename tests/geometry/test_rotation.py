@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from mien.arrays import Array
 from mien.geometry.rotation import (
     FACING,
-    Array,
     angle_between,
     euler_from_matrix,
     euler_jacobian,

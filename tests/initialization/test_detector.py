@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from mien.initialization import detector
 from mien.initialization.mediapipe_mesh import silenced
 from small_motion import face, small_motion, turned_portrait
@@ -103,14 +103,14 @@ def test_a_face_that_is_small_in_the_image_is_found(face_px: int) -> None:
     frame, known = _far_away((800, 400), face_px)
     (found,) = detector.detect(frame)
     assert np.abs(found.points - known).mean() < 1.5
-    (once,) = detector.look(frame)
+    (once,) = detector.detect_once(frame)
     assert np.abs(once.points - known).mean() < 2.5
 
 
 def test_a_face_that_is_small_in_the_image_is_followed() -> None:
     first, _ = _far_away((900, 400))
     later, known = _far_away((910, 395))
-    ((frame, found),) = detector.follow(detector.look(first)[0], [Frame(later.pixels, 7)])
+    ((frame, found),) = detector.follow(detector.detect_once(first)[0], [Frame(later.pixels, 7)])
     assert frame.index == found.frame_index == 7
     assert np.abs(found.points - known).mean() < 2.5
 
@@ -119,8 +119,8 @@ def test_beside_a_near_face_a_distant_one_is_found() -> None:
     near, _ = _far_away((20, 20), 300)
     far, known = _far_away((1000, 400))
     near.pixels[400:, 1000:] = far.pixels[400:, 1000:]
-    assert len(detector.look(near)) == 1
-    large, small = detector.everybody(near)
+    assert len(detector.detect_once(near)) == 1
+    large, small = detector.detect_all(near)
     assert np.ptp(large.points, axis=0).max() > 250
     assert np.abs(small.points - known).mean() < 2.5
 
@@ -170,7 +170,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
 
 def test_a_closer_look_is_that_of_detection() -> None:
     frame = small_motion().frames[0]
-    (once,), (several,) = detector.look(frame), detector.detect(frame)
+    (once,), (several,) = detector.detect_once(frame), detector.detect(frame)
     refined = detector.refine(frame, once)
     assert refined is not None
     np.testing.assert_allclose(refined.points, several.points)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
+from mien.geometry.rotation import FACING, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
 from mien.initialization.fit import (
     AXES_SD_DEG,
     FirstFrame,

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp
+from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, SCHEMES, Landmarks
 
 COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478, "mediapipe468": 468}

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, exp
+from mien.geometry.rotation import exp
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
 from mien.initialization.looks import (
     LEAST_DETAIL,

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mien.frame import Pixels
+from mien.arrays import Pixels
 from mien.initialization.landmarks import Landmarks, place_of
 from mien.initialization.opencv_mesh import OpenCVMesh
 from small_motion import face, small_motion, turned_portrait

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.initialization.posit import posit
 from strategies import cameras, head_rotations, head_translations

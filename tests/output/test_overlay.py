@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, matrix_from_euler
+from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.output.overlay import HIDDEN, SEEN, FaceOverlay, Mesh, OverlayWriter, Pixels, draw, draw_mesh, save_png
 from mien.tracking.state import Estimate, Status, TrackedLandmarks

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.config import RealtimeSettings
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.adaptation import Adaptation

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from long_motion import sequence
+from mien.arrays import Array
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import FACING, Array, angle_between, exp, log, matrix_from_euler, ray_rotation
+from mien.geometry.rotation import FACING, angle_between, exp, log, matrix_from_euler, ray_rotation
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.output.track import Track
 from mien.tracking.axes import HeadAxes
@@ -81,12 +82,12 @@ def test_what_is_told_anew_turns_all_frames_alike(tracker: RealtimeTracker) -> N
     axes = _axes(tracker, np.array([8.0, -6.0]))
     models = [axes.first.R, exp(np.radians([10.0, -30.0, 5.0])) @ axes.first.R]
     before = [axes.rotation(R) for R in models]
-    turn = axes.tell_anew()
+    turn = axes.report_anew()
     for R, told in zip(models, before, strict=True):
         np.testing.assert_allclose(turn @ told, R @ axes.turn, atol=1e-12)
         np.testing.assert_allclose(axes.rotation(R), R @ axes.turn, atol=1e-12)
         np.testing.assert_allclose(axes.model_rotation(R @ axes.turn), R, atol=1e-12)
-    np.testing.assert_allclose(axes.tell_anew(), np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(axes.report_anew(), np.eye(3), atol=1e-12)
 
 
 def test_the_mesh_stays_on_the_face() -> None:

@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from mien.appearance.descriptors import Float32
+from mien.arrays import Array, Float32, Mask, Pixels
 from mien.config import RealtimeSettings
-from mien.frame import Frame, Pixels
-from mien.geometry.rotation import Array
+from mien.frame import Frame
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.eyes import closing_of
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Closing, Estimate, Mask
+from mien.tracking.state import Closing, Estimate
 from small_motion import face, run
 
 N = 4

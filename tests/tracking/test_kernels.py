@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import describe, orientation_maps
-from mien.geometry.rotation import FACING, Array, exp
+from mien.arrays import Array
+from mien.geometry.rotation import FACING, exp
 from mien.tracking import kernels, pose_geometry
 from mien.tracking.optimizers import Simplex
 from strategies import random_person, random_pose, stepped

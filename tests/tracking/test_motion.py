@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from mien.appearance.views import rotation
+from mien.arrays import Array
 from mien.config import RealtimeSettings
 from mien.frame import Frame
-from mien.geometry.rotation import Array, angle_between, exp
+from mien.geometry.rotation import angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.motion import Motion, extract_patches
 from mien.tracking.person import TRACKED

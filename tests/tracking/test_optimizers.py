@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from mien.geometry.rotation import Array
+from mien.arrays import Array
 from mien.tracking.optimizers import Simplex, Solution
 
 SD = np.array([0.1, 2.0, 0.5, 1.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mien.geometry.rotation import Array
+from mien.arrays import Array
 from mien.tracking.patch_history import PatchHistory
 
 N, PIXELS = 30, 49

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mien.appearance.views import rotation, tilt_pan_of
+from mien.arrays import Array
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, log, ray_rotation
+from mien.geometry.rotation import FACING, exp, log, ray_rotation
 from mien.tracking import pose_geometry
 from strategies import random_person, random_pose, rotation_vectors, rotations, stepped, vectors
 

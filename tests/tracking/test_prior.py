@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from mien.arrays import Array
 from mien.frame import Frame
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.prior import GaussianPrior, state_sd
 from mien.tracking.state import STATE_NAMES, Estimate, Status, pack, unpack

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from long_motion import errors_deg, in_order, leaving, sequence, shown
+from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.synthetic import SyntheticSequence
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status

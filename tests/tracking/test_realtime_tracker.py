@@ -10,13 +10,14 @@ import pytest
 
 from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown, with_spectacles
 from mien.appearance.regression import PoseRegression
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, angle_between
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_told
+from mien.geometry.rotation import angle_between
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
 from mien.synthetic import make_sequence, moved
 from mien.tracking import person
 from mien.tracking.realtime import RealtimeTracker
@@ -66,7 +67,7 @@ def test_spectacles_are_followed() -> None:
 def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None:
     """Also where the fitted model does not reach them; those that an annotation lacks are the model's."""
     sequence = small_motion()
-    rows = rows_told(face().landmarks.scheme)
+    rows = rows_reported(face().landmarks.scheme)
     known = [LANDMARK_NAMES.index(name) for name in rows]
     points = face().landmarks.points[list(rows.values())].mean(axis=1)
     assert len(known) > 20

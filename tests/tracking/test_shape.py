@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import Array, exp
+from mien.geometry.rotation import exp
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.tracking.shape import ShapePosterior, prior_covariance, shape_information
 from small_motion import face

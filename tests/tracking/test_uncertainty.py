@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 
 from mien.appearance.views import rotation
-from mien.geometry.rotation import FACING, Array, exp, log
+from mien.arrays import Array
+from mien.geometry.rotation import FACING, exp, log
 from mien.tracking.identity import familiarity
 from mien.tracking.uncertainty import (
     ACROSS_SD,

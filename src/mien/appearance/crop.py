@@ -9,13 +9,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Array, Float32, Pixels
 from mien.compiled import kernel
-from mien.frame import Frame, Pixels
-from mien.geometry.rotation import Array
-
-Float32 = NDArray[np.float32]
+from mien.frame import Frame
 
 _BLANK = 1.0
 """Standard deviation of grey values below which an image shows nothing but camera noise."""

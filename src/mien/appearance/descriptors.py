@@ -22,12 +22,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Array, Float32
 from mien.compiled import kernel
-from mien.geometry.rotation import Array
-
-Float32 = NDArray[np.float32]
 
 LENGTH = 128
 ORIENTATIONS = 8

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mien.frame import Pixels
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Pixels
 
 _MARGIN = 0.8
 """Half of the side of the square that is redrawn, in widths of the eye."""

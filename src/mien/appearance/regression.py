@@ -10,12 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from mien.geometry.rotation import Array
-
-Float32 = NDArray[np.float32]
+from mien.arrays import Array, Float32
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
-
-Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Texture:
     """An image mapped onto a mesh: image (H, W, C) float32, and the position of each vertex in it, uv (V, 2) pixels."""
 
-    image: Image
+    image: Float32
     uv: Array
 
 
@@ -27,11 +25,11 @@ class Texture:
 class Rendering:
     """Rendered image (H, W, C) float32, depth (H, W) float32 with infinity where there is no surface."""
 
-    image: Image
-    depth: Image
+    image: Float32
+    depth: Float32
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Mask:
         """(H, W): whether the mesh covers a pixel."""
         return np.isfinite(self.depth)
 
@@ -43,7 +41,7 @@ def render(
     camera: Camera,
     width: int,
     height: int,
-    background: Image | float = 0.0,
+    background: Float32 | float = 0.0,
     light: Array | None = None,
 ) -> Rendering:
     """Draw a mesh: vertices (V, 3) in camera axes, triangles (T, 3) counter-clockwise seen from outside.
@@ -61,7 +59,7 @@ def render(
     return Rendering(image, depth)
 
 
-def depth_buffer(vertices: Array, triangles: NDArray[np.intp], camera: Camera, width: int, height: int) -> Image:
+def depth_buffer(vertices: Array, triangles: NDArray[np.intp], camera: Camera, width: int, height: int) -> Float32:
     """Depth (H, W) of the mesh alone, infinity where there is none."""
     blank = Texture(np.zeros((1, 1, 1), np.float32), np.zeros((len(vertices), 2)))
     return render(vertices, triangles, blank, camera, width, height).depth

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 
+from mien.arrays import Array
 from mien.candide.model import MOUTH_TRIANGLES
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import Landmarks
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from mien.appearance.rendering import Texture
+from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 
 

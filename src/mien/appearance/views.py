@@ -9,12 +9,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.appearance.crop import Crop, Float32, blurred
+from mien.appearance.crop import Crop, blurred
 from mien.appearance.rendering import Texture, render
 from mien.appearance.texture import texture_from_frame
+from mien.arrays import Array, Float32
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp
+from mien.geometry.rotation import FACING, exp
 from mien.initialization.fit import FirstFrame
 
 

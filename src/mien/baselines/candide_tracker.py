@@ -9,13 +9,13 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from mien.appearance.crop import Crop, Float32
+from mien.appearance.crop import Crop
 from mien.appearance.views import crop_of_face, rendered_views
+from mien.arrays import Array, Float32
 from mien.candide.model import MOUTH_TRIANGLES
 from mien.errors import require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking.likelihood import LandmarkModel

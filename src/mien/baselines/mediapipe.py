@@ -11,12 +11,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from mien.arrays import Array
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
-from mien.geometry.rotation import Array, exp, log, similarity
-from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_told
+from mien.geometry.rotation import exp, log, similarity
+from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_reported
 from mien.initialization.mediapipe_mesh import import_solution, read_faces, silenced
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
@@ -41,7 +42,7 @@ class MediaPipeTracker:
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None
-        rows = rows_told("mediapipe478")
+        rows = rows_reported("mediapipe478")
         self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.baselines.rigid_head import RigidHead
 from mien.baselines.surface import (
     Pose,
@@ -35,7 +36,7 @@ from mien.baselines.surface import (
 )
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, angle_between, log
+from mien.geometry.rotation import angle_between, log
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status

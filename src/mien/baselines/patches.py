@@ -5,8 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from mien.appearance.crop import Float32
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Float32
 
 _FLAT = 1e-3
 """Standard deviation in grey values below which a patch counts as flat."""

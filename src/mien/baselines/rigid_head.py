@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mien.appearance.crop import Float32
+from mien.arrays import Float32
 from mien.baselines.surface import GRAZING, Pose, Surface
 from mien.frame import Frame
 from mien.geometry.camera import Camera

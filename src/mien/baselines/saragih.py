@@ -20,8 +20,9 @@ import cv2
 import numpy as np
 from scipy.special import expit
 
-from mien.appearance.crop import Crop, Float32
+from mien.appearance.crop import Crop
 from mien.appearance.views import rotation, tilt_pan_of
+from mien.arrays import Array, Float32
 from mien.baselines.candide_tracker import (
     BLUR,
     VERTICES,
@@ -34,7 +35,7 @@ from mien.baselines.candide_tracker import (
 from mien.baselines.patches import read_patches
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, exp, hat, log
+from mien.geometry.rotation import FACING, exp, hat, log
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.state import unpack
 

@@ -15,13 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.appearance.crop import Float32
+from mien.arrays import Array, Float32, Mask
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, angle_between, exp
+from mien.geometry.rotation import angle_between, exp
 from mien.initialization.fit import FirstFrame
-from mien.tracking.state import Mask
 
 ROWS, COLUMNS = 48, 48
 """Grid of surface points: about one per four pixels of a face 60 pixels wide."""

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_diag
 
-from mien.appearance.crop import Crop, Float32
+from mien.appearance.crop import Crop
 from mien.appearance.views import rotation
+from mien.arrays import Array, Float32
 from mien.baselines.candide_tracker import (
     BLUR,
     VERTICES,
@@ -34,7 +35,6 @@ from mien.baselines.candide_tracker import (
 from mien.baselines.patches import read_patches
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd

@@ -17,8 +17,8 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array
 from mien.errors import require
-from mien.geometry.rotation import Array
 
 TRACKED_UNITS = (
     "upper_lip_raiser",
@@ -112,7 +112,7 @@ def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -
     return float(interpupillary_mm / np.linalg.norm(left - right))
 
 
-def lid_ways(share: float) -> tuple[float, float]:
+def lid_closing(share: float) -> tuple[float, float]:
     """Displacements of the upper and the lower lid towards each other, as fractions of the eye opening, for an eye
     closure `share`."""
     return share * (1 - _LID_MEETING_HEIGHT), share * _LID_MEETING_HEIGHT
@@ -127,9 +127,9 @@ def with_eyes_closed(vertices: Array, share: float) -> Array:
     for (_, u1, u2, u3, _, l1, l2, l3), iris in zip(_EYE_OPENINGS, _PUPILS, strict=True):
         upper, lower = [u1, u2, u3], [l3, l2, l1]
         opening = vertices[upper] - vertices[lower]
-        out[upper] -= lid_ways(share)[0] * opening
-        out[lower] += lid_ways(share)[1] * opening
-        meet = vertices[l2] + lid_ways(1.0)[1] * (vertices[u2] - vertices[l2])
+        out[upper] -= lid_closing(share)[0] * opening
+        out[lower] += lid_closing(share)[1] * opening
+        meet = vertices[l2] + lid_closing(1.0)[1] * (vertices[u2] - vertices[l2])
         out[list(iris), 1] += share * (meet[1] - vertices[list(iris), 1])
     return out
 

@@ -16,10 +16,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.candide.model import Candide, outward
 from mien.errors import MienError
 from mien.files import whole_file
-from mien.geometry.rotation import Array
 
 
 @dataclass(frozen=True)

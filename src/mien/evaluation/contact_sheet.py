@@ -6,18 +6,17 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Array, Pixels
 from mien.candide.model import Candide
 from mien.evaluation.scores import Score
 from mien.evaluation.worst import frame_errors
-from mien.geometry.rotation import Array
 
 SHEET_FRAMES, SHEET_COLUMNS, TILE = 20, 5, 320
 MESH, ESTIMATE, TRUTH = (255, 220, 120), (120, 255, 90), (60, 60, 255)  # BGR
 
 
-def contact_sheet(scores: Sequence[Score]) -> NDArray[np.uint8] | None:
+def contact_sheet(scores: Sequence[Score]) -> Pixels | None:
     """A BGR image of the frames with the largest errors of all sequences, with mesh, landmarks (green) and truth (red);
     None without images."""
     worst = sorted(_pictured(scores), key=lambda item: -item[0])[:SHEET_FRAMES]
@@ -37,7 +36,7 @@ def _pictured(scores: Sequence[Score]) -> Iterator[tuple[float, Score, int]]:
             yield from ((float(errors[f]), score, f) for f in score.result.pictures)
 
 
-def _tile(score: Score, frame: int, error: float) -> NDArray[np.uint8]:
+def _tile(score: Score, frame: int, error: float) -> Pixels:
     """A square crop around the face, with estimate and truth."""
     track, truth = score.result.track, score.result.truth
     assert track is not None
@@ -72,7 +71,7 @@ def _on_tile(points: Array, A: Array) -> Array:
     return np.asarray(points @ A[:, :2].T + A[:, 2])
 
 
-def _draw_mesh(tile: NDArray[np.uint8], vertices: Array) -> None:
+def _draw_mesh(tile: Pixels, vertices: Array) -> None:
     """Draw the triangles of CANDIDE that face the camera."""
     for triangle in Candide.default().triangles if len(vertices) else ():
         a, b, c = corners = vertices[triangle]
@@ -81,6 +80,6 @@ def _draw_mesh(tile: NDArray[np.uint8], vertices: Array) -> None:
             cv2.polylines(tile, [np.round(corners * 16).astype(np.int32)], True, MESH, 1, cv2.LINE_AA, 4)
 
 
-def _draw_points(tile: NDArray[np.uint8], points: Array, colour: tuple[int, int, int]) -> None:
+def _draw_points(tile: Pixels, points: Array, colour: tuple[int, int, int]) -> None:
     for x, y in points[np.isfinite(points).all(axis=1)]:
         cv2.circle(tile, (round(16 * x), round(16 * y)), 42, colour, -1, cv2.LINE_AA, 4)

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mien.arrays import Array
 from mien.evaluation import metrics
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.plan import file_name
 from mien.evaluation.protocols import ANGLE_NAMES
 from mien.evaluation.scores import Score, Scores, pooled, success_rate
 from mien.files import whole_file
-from mien.geometry.rotation import Array
 from mien.output.plots import NORMAL_90
 
 _FEW = 5

@@ -9,8 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import ndtri
 
-from mien.geometry.rotation import Array
-from mien.tracking.state import Mask
+from mien.arrays import Array, Mask
 
 COVERAGE_LEVELS = (0.50, 0.90, 0.95)
 ANGLE_LEVEL = 0.90

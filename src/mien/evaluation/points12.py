@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mien.geometry.rotation import Array
-from mien.initialization.landmarks import rows_by_name, rows_told
+from mien.arrays import Array
+from mien.initialization.landmarks import rows_by_name, rows_reported
 
 POINT_NAMES = (
     "right_eye_outer_corner",
@@ -51,7 +51,7 @@ def points_of_scheme(points: Array, scheme: str) -> Array:
     """(n, k, 2) in a landmark scheme -> (n, 12, 2)."""
     if scheme == TWELVE:
         return points
-    rows = rows_told(scheme)
+    rows = rows_reported(scheme)
     return np.asarray(points[:, [rows[name] for name in POINT_NAMES]].mean(axis=2))
 
 

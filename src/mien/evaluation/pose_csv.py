@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
 from mien.csv_files import csv_rows
 from mien.errors import MienError, require
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
@@ -42,7 +43,7 @@ class PoseTable:
     frame: NDArray[np.intp]
     numbered: bool
     from_zero: bool
-    tracked: NDArray[np.bool_]
+    tracked: Mask
     confidence: Array
     rotation: Array | None = None
     translation_mm: Array | None = None
@@ -130,7 +131,7 @@ def _columns(path: Path, rows: Sequence[dict[str, str]], names: Sequence[str]) -
         raise MienError(f"{path}: a cell is not a number ({e}); correct the file") from e
 
 
-def _rows_without(values: Array | None, wanted: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _rows_without(values: Array | None, wanted: Mask) -> NDArray[np.intp]:
     """The wanted rows whose values are not all finite."""
     if values is None:
         return np.empty(0, dtype=np.intp)

@@ -24,10 +24,10 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mien.arrays import Array, Mask
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Truth
-from mien.geometry.rotation import FACING, Array, angle_between, rotation_onto
-from mien.tracking.state import Mask
+from mien.geometry.rotation import FACING, angle_between, rotation_onto
 
 ANGLE_NAMES = ("tilt", "pan", "roll")
 

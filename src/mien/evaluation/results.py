@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array, Mask, Pixels
 from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
 from mien.files import whole_file
-from mien.geometry.rotation import Array
-from mien.tracking.state import EXPRESSION_NAMES, Estimate, Mask, Status
+from mien.tracking.state import EXPRESSION_NAMES, Estimate, Status
 
 REMEDY = "run mien evaluate again, which replaces it"
 """For a file that is damaged, or from another version."""
@@ -90,7 +90,7 @@ class SequenceResult:
     failure: str = ""
     track: TrackTable | None = None
     truth: Truth | None = None
-    pictures: Mapping[int, NDArray[np.uint8]] = field(default_factory=dict)
+    pictures: Mapping[int, Pixels] = field(default_factory=dict)
     meshes: Mapping[int, Array] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:

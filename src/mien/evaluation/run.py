@@ -11,15 +11,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Array, Pixels
 from mien.errors import require
 from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
 from mien.pipeline import FittedTracker, settings_of
 from mien.registry import checked
@@ -165,7 +164,7 @@ def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:
     return None if vertices is None else camera.project(vertices)[0]
 
 
-def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, NDArray[np.uint8]]:
+def _pictures(video: Path, frames: tuple[int, ...]) -> dict[int, Pixels]:
     """JPEG images of these frames, by index."""
     wanted = set(frames)
     out = {}

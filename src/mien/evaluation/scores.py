@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array, Mask
 from mien.errors import MienError, warn
 from mien.evaluation import metrics
 from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.points12 import outer_eye_distance, points_of_names, points_of_scheme
 from mien.evaluation.protocols import Comparison, Protocol, compare, protocol_named
 from mien.evaluation.results import SequenceResult, Timing
-from mien.geometry.rotation import Array
-from mien.tracking.state import EXPRESSION_NAMES, Mask
+from mien.tracking.state import EXPRESSION_NAMES
 
 
 @dataclass(frozen=True)

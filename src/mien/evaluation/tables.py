@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.evaluation import metrics
 from mien.evaluation.datasets import buft
 from mien.evaluation.protocols import Protocol
@@ -21,7 +22,6 @@ from mien.evaluation.scores import (
     spread_of_errors,
     success_rate,
 )
-from mien.geometry.rotation import Array
 from mien.tracking.state import EXPRESSION_NAMES
 
 NONE = "—"

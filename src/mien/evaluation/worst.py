@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.metrics import landmark_rms
 from mien.evaluation.points12 import points_of_names, points_of_scheme
 from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import TrackTable
-from mien.geometry.rotation import Array
 
 WORST_FRAMES = 20
 """Number of frames whose images a result stores; the contact sheet shows the worst twenty of all sequences."""

@@ -11,8 +11,8 @@ from numbers import Real
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import require
-from mien.geometry.rotation import Array
 
 DEFAULT_FOV_DEG = 60.0
 """Horizontal field of view assumed for an unknown camera."""

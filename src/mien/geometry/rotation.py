@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from mien.arrays import Array
 
 FACING: Array = np.diag([1.0, -1.0, -1.0])
 """(3, 3) rotation head -> camera of a face that faces the camera."""

@@ -21,8 +21,8 @@ from operator import itemgetter
 import cv2
 import numpy as np
 
-from mien.frame import Frame, Pixels
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Pixels
+from mien.frame import Frame
 from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Place, Point, place_of
 from mien.initialization.mediapipe_mesh import MediaPipeMesh, silenced
 from mien.initialization.opencv_mesh import OpenCVMesh, crop_matrix, uncrop
@@ -69,14 +69,14 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
     return None
 
 
-def look(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:
+def detect_once(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:
     """The faces of a frame as from `detect`, but from a single detection without averaging, for finding a face again.
     distant: if there is none, also search for small faces."""
     with _finder(_MAXIMUM_FACES) as finder:
         return [_landmarks(frame, face) for face in finder.largest_first(frame, distant, at)]
 
 
-def everybody(frame: Frame) -> list[Landmarks]:
+def detect_all(frame: Frame) -> list[Landmarks]:
     """All faces of a frame, largest first, including small ones, from a single detection without averaging."""
     with _finder(_MAXIMUM_FACES) as finder:
         return [_landmarks(frame, face) for face in _by_size(finder.distant(frame, finder.near(frame)))]

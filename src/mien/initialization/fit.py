@@ -13,19 +13,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import require
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import (
-    FACING,
-    Array,
-    euler_from_matrix,
-    exp,
-    hat,
-    left_jacobian,
-    matrix_from_euler,
-    ray_rotation,
-)
+from mien.geometry.rotation import FACING, euler_from_matrix, exp, hat, left_jacobian, matrix_from_euler, ray_rotation
 from mien.initialization.landmarks import Landmarks
 from mien.initialization.posit import posit
 from mien.initialization.shape_prior import ShapePrior, shape_prior

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.csv_files import csv_rows
 from mien.errors import MienError, require
 from mien.files import json_text, whole_file
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import Landmarks
 
 PTS_ORIGIN = 1.0

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array
 from mien.errors import require
-from mien.geometry.rotation import Array
 
 LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
     {
@@ -107,7 +107,7 @@ def rows_by_name(scheme: str) -> dict[str, NDArray[np.intp]]:
     return {name: rows[vertex] for name, vertex in LANDMARK_VERTICES.items() if vertex in rows}
 
 
-def rows_told(scheme: str) -> dict[str, NDArray[np.intp]]:
+def rows_reported(scheme: str) -> dict[str, NDArray[np.intp]]:
     """`rows_by_name` for the positions at which landmarks are reported."""
     return rows_by_name(scheme) | {name: np.array(rows) for name, rows in _REPORTED.get(scheme, {}).items()}
 

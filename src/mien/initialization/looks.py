@@ -12,9 +12,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
-from mien.geometry.rotation import Array, similarity
+from mien.geometry.rotation import similarity
 from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
 

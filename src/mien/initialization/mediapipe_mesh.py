@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mien.frame import Pixels
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Pixels
 from mien.initialization.landmarks import Place
 
 

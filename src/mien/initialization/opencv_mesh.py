@@ -18,10 +18,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from mien.frame import Pixels
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Float32, Pixels
 from mien.initialization.landmarks import Place, place_of
 
 _DETECTOR_PX, _MESH_PX = 128, 192
@@ -131,7 +129,7 @@ def _read(name: str) -> Any:
     return cv2.dnn.readNetFromTFLite(np.frombuffer((files("mien") / "data" / f"{name}.tflite").read_bytes(), np.uint8))
 
 
-def _run(network: Any, image: NDArray[np.float32]) -> list[Array]:
+def _run(network: Any, image: Float32) -> list[Array]:
     """Outputs of a network for an image (H, W, 3)."""
     network.setInput(np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32))
     return [np.asarray(answer, dtype=float) for answer in network.forward(network.getUnconnectedOutLayersNames())]

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import require
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 
 
 def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> tuple[Array, Array]:

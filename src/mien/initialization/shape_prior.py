@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.candide.model import Candide
-from mien.geometry.rotation import Array
 
 UNIT_SD = 0.06
 """Standard deviation, in CANDIDE units, of the largest displacement of each shape unit."""

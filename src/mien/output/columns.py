@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
-from mien.geometry.rotation import FACING, Array, euler_from_matrix, matrix_from_euler
+from mien.geometry.rotation import FACING, euler_from_matrix, matrix_from_euler
 from mien.tracking.state import EYES_CLOSED, Closing, Estimate, Status, TrackedLandmarks
 
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array, Pixels
 from mien.errors import require
 from mien.files import create_temporary, move_into_place, named_errors, whole_file
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.tracking.state import Estimate, TrackedLandmarks
 

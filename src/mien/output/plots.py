@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.files import whole_file
-from mien.geometry.rotation import Array
 from mien.tracking.state import Status
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.csv_files import opened_csv
 from mien.errors import MienError, require
 from mien.files import json_text, named_errors, require_ending, whole_file
-from mien.geometry.rotation import Array
 from mien.output.columns import (
     ANIMATION_SD,
     EYES_CLOSED_SD,

@@ -8,8 +8,8 @@ from types import TracebackType
 
 import cv2
 
+from mien.arrays import Pixels
 from mien.errors import MienError, require
-from mien.frame import Pixels
 
 _KEYS = (27, ord("q"))
 """Escape and q close the window."""

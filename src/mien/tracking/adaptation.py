@@ -18,11 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.descriptors import Float32
+from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import Array
-from mien.tracking.state import Mask
 
 _ENTRIES = 128
 _TILTS, _PANS = 5, 9

@@ -16,8 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import Array, exp
+from mien.geometry.rotation import exp
 from mien.initialization.fit import FirstFrame, most_likely_facing
 from mien.tracking.shape import ShapePosterior
 from mien.tracking.uncertainty import Reference
@@ -70,7 +71,7 @@ class HeadAxes:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
         return np.asarray(self.first.R @ self.turn @ self.reported.T @ R @ self.turn.T)
 
-    def tell_anew(self) -> Array:
+    def report_anew(self) -> Array:
         """Report the first frame by what is known now; returns the rotation (3, 3), in camera axes, that corrects
         everything reported so far."""
         before, self.reported = self.reported, self.first.R @ self.turn

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from mien.arrays import Array
 from mien.compiled import kernel
-from mien.geometry.rotation import Array
 
 
 def solve_definite(A: Array, b: Array) -> Array:

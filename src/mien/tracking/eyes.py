@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.descriptors import Float32
+from mien.arrays import Float32, Mask
 from mien.compiled import kernel
-from mien.tracking.state import Closing, Mask
+from mien.tracking.state import Closing
 
 _PATH = np.linspace(0, 1.5, 31)
 """Positions on the path: 0 open, 1 where drawn eyes are shut. Real lids change more than drawn ones."""

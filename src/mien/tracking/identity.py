@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from mien.geometry.rotation import Array
+from mien.arrays import Array
 from mien.tracking.patch_history import LOOK_BACK, PatchHistory
 from mien.tracking.scene import Scene
 

@@ -10,17 +10,17 @@ from itertools import product
 import numpy as np
 
 from mien.appearance.crop import blurred
-from mien.appearance.descriptors import Float32, describe_with_jacobian, orientation_maps
+from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
 from mien.appearance.eyes import close_eye, turn_eye
 from mien.appearance.regression import PoseRegression
-from mien.appearance.rendering import Image, Texture, render, vertex_normals
+from mien.appearance.rendering import Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
 from mien.appearance.texture import texture_of_vertices
 from mien.appearance.views import CENTRE, rotation
+from mien.arrays import Array, Float32, Pixels
 from mien.config import DescriptorSettings, RealtimeSettings
-from mien.frame import Frame, Pixels
+from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking import kernels, pose_geometry
@@ -111,7 +111,7 @@ class _ViewRenderer:
 
     def describe(
         self, posed: tuple[Array, Array], texture: Texture, light: Array | None = None
-    ) -> tuple[Float32, Image]:
+    ) -> tuple[Float32, Float32]:
         """Descriptors (n, 128) of the landmarks in a view, and its depth image; light (V,): see `render`."""
         d, face, size, (vertices, points) = self.descriptor, self.face, self.size, posed
         drawn = render(vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
@@ -159,7 +159,7 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
     return Level(descriptor, renderer.size, appearance, moved_eyes, angles, grid)
 
 
-def _depth_behind(points: Array, depth: Image, camera: Camera) -> Array:
+def _depth_behind(points: Array, depth: Float32, camera: Camera) -> Array:
     """How far (n,) points (n, 3) in camera axes lie behind a surface with this depth image (H, W); minus infinity where
     there is no surface."""
     last = np.array(depth.shape[::-1]) - 1

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from mien.appearance.crop import Crop
-from mien.appearance.descriptors import Float32
 from mien.appearance.regression import PoseRegression
 from mien.appearance.views import crop_of_face
+from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.config import DescriptorSettings
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 
 
 @dataclass(frozen=True)

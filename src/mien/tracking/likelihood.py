@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mien.appearance.crop import Crop, Float32
+from mien.appearance.crop import Crop
 from mien.appearance.gaussian import Gaussians
+from mien.arrays import Array, Float32
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.tracking.state import unpack
 
 

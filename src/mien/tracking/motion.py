@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.descriptors import Float32
+from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import Array
 from mien.tracking.definite import inverse_definite, solve_positive
 from mien.tracking.kernels import add_prior
 from mien.tracking.pose_geometry import (

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import minimize
 
-from mien.geometry.rotation import Array
+from mien.arrays import Array
 from mien.tracking.posterior import PosePosterior
 from mien.tracking.state import pack, unpack
 

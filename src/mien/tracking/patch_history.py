@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.descriptors import Float32
+from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
-from mien.geometry.rotation import Array
 from mien.tracking.kernels import insert
-from mien.tracking.state import Mask
 
 LOOK_BACK, _LASTING = 12, 4
 """Frames after which a patch is compared with itself once more, as one picture may dissolve into another, alike from

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.descriptors import Float32
+from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking import kernels, pose_geometry
@@ -23,7 +22,7 @@ from mien.tracking.learning import LearnedFace, learn_face
 from mien.tracking.level import Level
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
-from mien.tracking.state import Closing, Mask
+from mien.tracking.state import Closing
 
 _TEMPLES = {"right_temple": 47, "left_temple": 14}
 _ANCHORS = {

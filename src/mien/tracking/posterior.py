@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mien.geometry.rotation import Array
+from mien.arrays import Array
 from mien.tracking import kernels
 from mien.tracking.likelihood import AppearanceLikelihood
 from mien.tracking.prior import GaussianPrior

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import Array
 from mien.tracking import kernels
 from mien.tracking.solution import Pose, Prediction
 from mien.tracking.uncertainty import turn_squared

@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from mien.appearance.crop import is_blank
-from mien.candide.model import Candide, lid_ways, with_eyes_closed
+from mien.arrays import Array
+from mien.candide.model import Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
 from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_told
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_reported
 from mien.tracking import pose_geometry
 from mien.tracking.axes import HeadAxes
 from mien.tracking.definite import inverse_definite, solve_definite
@@ -117,7 +117,7 @@ class RealtimeTracker:
         the first frame; zero for those that were not given."""
         X = self.person.in_camera(self.pose)[: len(LANDMARK_NAMES)]
         offsets = np.zeros_like(X)
-        rows = rows_told(landmarks.scheme)
+        rows = rows_reported(landmarks.scheme)
         known = [LANDMARK_NAMES.index(name) for name in rows]
         points = landmarks.points[list(rows.values())].mean(axis=1)
         offsets[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
@@ -306,7 +306,7 @@ class RealtimeTracker:
         `familiarity`."""
         n = len(LANDMARK_NAMES)
         closing = self.closing
-        lids = lid_ways(closing.share if closing else 0.0)
+        lids = lid_closing(closing.share if closing else 0.0)
         X, image = pose_geometry.reported_landmarks(
             self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, lids, self.solver.camera_vector
         )

@@ -12,14 +12,14 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.views import crop_camera, crop_of_face
+from mien.arrays import Array, Float32, Pixels
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array, exp
-from mien.initialization.detector import look
+from mien.geometry.rotation import exp
+from mien.initialization.detector import detect_once
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import place_of
 
@@ -46,12 +46,12 @@ class Keyframe:
     R: Array
     t: Array
     animation: Array
-    gray: NDArray[np.uint8]
+    gray: Pixels
     view: Camera
     fit: FirstFrame
 
     @cached_property
-    def features(self) -> tuple[NDArray[np.float32], Array]:
+    def features(self) -> tuple[Float32, Array]:
         """SIFT descriptors (m, 128) and their points (m, 3) in head axes; m may be 0."""
         X = self.fit.vertices(self.animation) @ self.R.T + self.t
         depth = depth_buffer(X, self.fit.model.triangles, self.view, *self.gray.shape)
@@ -111,7 +111,7 @@ class Keyframes:
         best = max(found, key=lambda f: f[0])
         return None if best[0] < _INLIERS else (best[1], best[2])
 
-    def _window(self, frame: Frame, last: Array, scale: float) -> tuple[NDArray[np.uint8], Array]:
+    def _window(self, frame: Frame, last: Array, scale: float) -> tuple[Pixels, Array]:
         """The grey part of a frame that this search covers, and its corner (2,)."""
         side, face = _WINDOW / scale, _CROP_UNITS * KEYFRAME_PIXELS_PER_UNIT / scale
         around, elsewhere = divmod(self.searches, 2)
@@ -124,9 +124,7 @@ class Keyframes:
         x, y = np.clip(np.rint(corner), 0, np.maximum(size - round(side), 0)).astype(int)
         return frame.gray_part(slice(y, y + round(side)), slice(x, x + round(side))), np.array([x, y])
 
-    def _place(
-        self, keyframe: Keyframe, p: Array, descriptors: NDArray[np.float32], scale: float
-    ) -> tuple[int, Array, Array]:
+    def _place(self, keyframe: Keyframe, p: Array, descriptors: Float32, scale: float) -> tuple[int, Array, Array]:
         """Number of inliers, and pose, from the matches with one keyframe."""
         known, points = keyframe.features
         pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known, descriptors, k=2)
@@ -143,7 +141,7 @@ def find_by_detector(
 ) -> Iterator[tuple[Array, Array]]:
     """Poses R, t of the faces that the detector finds, the largest first. distant: whether to look for faces that are
     small in the image where there is no other."""
-    for face in look(frame, distant=distant)[:_MOST_FACES]:
+    for face in detect_once(frame, distant=distant)[:_MOST_FACES]:
         vertices, points, _ = face.correspondences()
         placed = _pnp(fit.vertices()[vertices], points, camera, _TOLERANCE * place_of(points)[1])
         if placed is not None:

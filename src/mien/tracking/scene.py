@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array
 from mien.frame import Frame
-from mien.geometry.rotation import Array
 
 _ROWS, _COLUMNS = 24, 32
 """Least number of grid cells in frames that have as many pixels."""

@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from mien.arrays import Array, Mask
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
-from mien.geometry.rotation import Array
 from mien.initialization.shape_prior import proximity
 from mien.tracking.definite import cholesky, solve_definite
 from mien.tracking.kernels import add_landmark
 from mien.tracking.pose_geometry import STATE_SIZE
-from mien.tracking.state import Mask
 
 _ENOUGH = 0.15
 """Novelty of the information added since the mean was last found, at which it is found again: at poses that are known

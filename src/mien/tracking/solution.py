@@ -9,14 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from mien.appearance.crop import Crop
-from mien.appearance.descriptors import Float32, orientation_maps
+from mien.appearance.descriptors import orientation_maps
 from mien.appearance.views import CENTRE, roll_of
-from mien.geometry.rotation import Array
+from mien.arrays import Array, Float32, Mask
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking import kernels, pose_geometry
 from mien.tracking.definite import inverse_definite
 from mien.tracking.level import Level
-from mien.tracking.state import Mask
 
 _LEAST_LANDMARKS = 6
 

@@ -7,12 +7,12 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array, euler_from_matrix, euler_jacobian, exp, log
+from mien.geometry.rotation import FACING, euler_from_matrix, euler_jacobian, exp, log
 from mien.initialization.landmarks import Landmarks
 
 STATE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz", *TRACKED_UNITS)
@@ -127,6 +127,3 @@ def pack(R: Array, t: Array, animation: Array) -> Array:
 def unpack(b: Array) -> tuple[Array, Array, Array]:
     """Inverse of `pack`: (12,) -> R (3, 3) head -> camera, t (3,), animation (6,)."""
     return exp(b[:3]) @ FACING, b[3:6], b[6:]
-
-
-Mask = NDArray[np.bool_]

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mien.appearance.crop import Crop, Float32
+from mien.appearance.crop import Crop
 from mien.appearance.descriptors import describe, describe_with_opencv, orientation_maps
 from mien.appearance.gaussian import Gaussians
 from mien.appearance.views import crop_of_face, rendered_views, view_rotations
+from mien.arrays import Array, Float32
 from mien.candide.model import Candide
 from mien.config import DescriptorSettings, PaperSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.tracking.likelihood import AppearanceLikelihood, LandmarkModel

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from mien.arrays import Array, Mask
 from mien.compiled import kernel
-from mien.geometry.rotation import Array, ray_rotation
+from mien.geometry.rotation import ray_rotation
 from mien.tracking.identity import logistic
-from mien.tracking.state import Mask
 
 NOISE_SCALE = 0.165
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mien.arrays import Array
 from mien.errors import require
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
 from mien.evaluation.pose_csv import PoseTable, read_pose_csv
-from mien.geometry.rotation import Array
 
 NOT_VIDEO = (".csv", ".json", ".parquet", ".txt", ".png", ".jpg")
 

@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
-from mien.geometry.rotation import Array
 from mien.video import VIDEO_SUFFIXES
 
 SUBJECTS = ("jam", "jim", "llm", "ssm", "vam")

@@ -18,11 +18,12 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import MienError, require
 from mien.evaluation.datasets import buft
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite, require_frames
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING, Array
+from mien.geometry.rotation import FACING
 from mien.video import VIDEO_SUFFIXES
 
 CAMERA = Camera(500.0, 160.0, 120.0)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import require
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import Array
 from mien.initialization.landmarks import SCHEMES, Landmarks
 
 

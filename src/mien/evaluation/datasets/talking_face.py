@@ -19,10 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import MienError, require
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
 from mien.evaluation.points12 import POINT_NAMES, TWELVE
-from mien.geometry.rotation import Array
 from mien.initialization.landmark_files import PTS_ORIGIN, read_landmarks
 from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
 
