@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -25,7 +26,7 @@ STILL, SHIFTED = "evaluation.tiny:Still", "evaluation.tiny:Shifted"
 
 @pytest.fixture(autouse=True)
 def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(tiny.ROOT))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tiny.ROOT), *sys.path]))
 
 
 def _plan(root: Path, *trackers: str, names: tuple[str, ...] = ("a_uniform1",)) -> Plan:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -25,7 +26,7 @@ def _mien(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(autouse=True)
 def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(tiny.ROOT))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tiny.ROOT), *sys.path]))
 
 
 def test_one_command_gives_a_report_and_report_gives_the_others(

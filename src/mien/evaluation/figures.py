@@ -11,13 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mien.arrays import Array
 from mien.evaluation import metrics
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.plan import file_name
-from mien.evaluation.protocols import ANGLE_NAMES
+from mien.evaluation.protocols import ANGLE_NAMES, rotation_of
 from mien.evaluation.scores import Score, Scores, pooled, success_rate
 from mien.files import whole_file
 from mien.output.plots import NORMAL_90
@@ -234,12 +233,9 @@ def _annotated_rms(score: Score) -> tuple[NDArray[np.intp], Array]:
 
 def _head_angle_deg(score: Score) -> Array:
     """Angle (n,) of the true rotation since the first frame."""
-    truth = score.compared.truth_deg
-    order = score.protocol.order
-    columns = ["XYZ".index(axis) for axis in order]
+    truth, known = score.compared.truth_deg, score.compared.known
     out = np.full(len(truth), np.nan)
-    known = score.compared.known
-    out[known] = np.degrees(Rotation.from_euler(order, truth[known][:, columns], degrees=True).magnitude())
+    out[known] = np.degrees(rotation_of(truth[known], score.protocol.order).magnitude())
     return out
 
 

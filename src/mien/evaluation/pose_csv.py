@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
 from mien.csv_files import csv_rows
 from mien.errors import MienError, require
-from mien.geometry.rotation import FACING
+from mien.geometry.rotation import FACING, matrix_from_euler
 
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
@@ -139,8 +138,5 @@ def _rows_without(values: Array | None, wanted: Mask) -> NDArray[np.intp]:
 
 
 def _rotations(angles: Array) -> Array:
-    out = np.full((len(angles), 3, 3), np.nan)
     known = np.isfinite(angles).all(axis=1)
-    if known.any():
-        out[known] = Rotation.from_euler("XYZ", angles[known]).as_matrix() @ FACING
-    return out
+    return np.where(known[:, None, None], matrix_from_euler(np.where(known[:, None], angles, 0)) @ FACING, np.nan)

@@ -169,11 +169,9 @@ def mark_lost(table: pa.Table, reason: pa.Array) -> pa.Table:
 
 def rotate_rows(table: pa.Table, R: Array) -> pa.Table:
     """The table with every rotation multiplied from the left by R (3, 3), in camera axes."""
-    from scipy.spatial.transform import Rotation
-
     angles = np.stack([table.column(name).to_numpy() for name in ROTATION], axis=1)
     known = ~np.isnan(angles).any(axis=1)
-    turned = R @ Rotation.from_euler("XYZ", angles[known]).as_matrix()
+    turned = R @ matrix_from_euler(angles[known])
     decimals = next(group.decimals for group in _POSE if group.names == ROTATION)
     angles[known] = np.round(euler_from_matrix(turned), decimals)
     for column, name in zip(angles.T, ROTATION, strict=True):
