@@ -7,7 +7,6 @@ import pytest
 
 from mien.arrays import Array
 from mien.candide.model import Candide
-from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
 from mien.initialization.fit import (
@@ -51,13 +50,6 @@ def _turn(fit: FirstFrame) -> Array:
     """Rotation (3, 3) from the model's axes to those that the head was given."""
     U, _, Vt = np.linalg.svd(fit.model.mean.T @ MODEL.mean)
     return np.asarray(U @ Vt)
-
-
-def test_a_camera_that_would_be_inside_the_face_is_refused() -> None:
-    R, t = _pose(0)
-    landmarks = _projected(MODEL.mean, REST, R, t, "candide26")
-    with pytest.raises(MienError, match=r"focal length of 40 pixels .* mm from the camera; give the camera's own"):
-        fit_first_frame(landmarks, Camera(40, CAMERA.cx, CAMERA.cy))
 
 
 @pytest.mark.parametrize("scheme", COUNTS)

@@ -411,3 +411,9 @@ def test_what_is_tracked_beside_the_landmarks_is_free(monkeypatch: pytest.Monkey
     monkeypatch.setattr(person, "TRACKED", LANDMARK_VERTICES)
     estimates = run(RealtimeTracker(), sequence())
     assert errors_deg(estimates, sequence()).mean() < 3
+
+
+def test_a_camera_that_would_be_inside_the_face_is_refused() -> None:
+    camera = replace(face().camera, focal_px=60.0)
+    with pytest.raises(MienError, match=r"focal length of 60 pixels .* mm from the camera; give the camera's own"):
+        RealtimeTracker().initialize(face().frame, face().landmarks, camera)

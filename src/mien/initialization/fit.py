@@ -22,8 +22,6 @@ from mien.initialization.landmarks import Landmarks
 from mien.initialization.posit import posit
 from mien.initialization.shape_prior import ShapePrior, shape_prior
 
-_NEAREST = 1.0
-"""Least distance of a face in CANDIDE units, about 11 cm: turned, a part of it would be behind a nearer camera."""
 LANDMARK_SD = 0.012
 """Standard deviation of a landmark's image position, as a length on the face in CANDIDE units."""
 DEPTH_SD = 0.03
@@ -89,8 +87,7 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     """Fit a face model, with the six tracked animation units, to the landmarks of the first frame.
 
     model: by default the package's own; another must have the vertices of CANDIDE-3, in its order, and its animation
-    units by name, as from `read_wfm(path).model`. Raises MienError for a model that lacks any, and for a face that
-    would be nearer to the camera than it is wide.
+    units by name, as from `read_wfm(path).model`. Raises MienError for a model that lacks any.
     """
     model, prior = _default_model() if model is None else tracked_model(model)
     vertices, points, depths = landmarks.correspondences()
@@ -107,12 +104,6 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     R, axes_sd = most_likely_facing(R_fit, t)
     turn = R.T @ R_fit
     shape = prior.vertices(x[problem.shape_slice]) @ turn.T
-    distance_mm = t[2] * mm_per_unit(shape)
-    require(
-        t[2] >= _NEAREST,
-        f"with a focal length of {camera.focal_px:.0f} pixels the face would be {distance_mm:.0f} mm from the camera; "
-        "give the camera's own focal length or field of view",
-    )
     return FirstFrame(
         R=R,
         t=t,

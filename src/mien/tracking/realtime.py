@@ -46,6 +46,8 @@ _LIDS = np.array(
 """Rows (2, 2) of the landmarks on the upper and lower eyelids."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
+_NEAREST = 1.0
+"""Least distance of a face in CANDIDE units, about 11 cm: turned, a part of it would be behind a nearer camera."""
 _FACE_RADIUS = 1.3
 """Radius in CANDIDE units around the face beyond which the surroundings begin."""
 _BETTER = 0.8
@@ -79,11 +81,18 @@ class RealtimeTracker:
         return RealtimeTracker(self.settings, self.model, self.person)
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Fit the first frame and learn the appearance of its landmarks."""
+        """Fit the first frame and learn the appearance of its landmarks. Raises MienError for a face that would be
+        nearer to the camera than it is wide."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
         self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
+        distance_mm = self.fit.t[2] * self.fit.mm_per_unit
+        require(
+            self.fit.t[2] >= _NEAREST,
+            f"with a focal length of {camera.focal_px:.0f} pixels the face would be {distance_mm:.0f} mm from the camera; "
+            "give the camera's own focal length or field of view",
+        )
         self.person = Person(frame, landmarks, self.fit, camera, s, self.before)
         self.compilation.finish()
         self.face = self.person.face
