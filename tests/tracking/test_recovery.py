@@ -43,7 +43,7 @@ def test_a_detected_face_is_placed_alike_wherever_it_is(monkeypatch: pytest.Monk
     placed = []
     for shift in (0, 1500):
         seen = replace(landmarks, points=points + np.array([shift, 0]))
-        monkeypatch.setattr(recovery, "look", lambda frame, distant, seen=seen: [seen])
+        monkeypatch.setattr(recovery, "detect_once", lambda frame, distant, seen=seen: [seen])
         there = replace(camera, cx=camera.cx + shift)
         placed += list(recovery.find_by_detector(sequence().frames[0], face().fit, there))
     (R, t), (R_shifted, t_shifted) = placed
