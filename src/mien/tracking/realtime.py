@@ -87,11 +87,11 @@ class RealtimeTracker:
         landmarks.check(frame.width, frame.height)
         self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
+        focal, mm = f"{camera.focal_px:.0f} pixels", f"{self.fit.t[2] * self.fit.mm_per_unit:.0f} mm"
         require(
             self.fit.t[2] >= _NEAREST,
-            f"with a focal length of {camera.focal_px:.0f} pixels the face would be "
-            f"{self.fit.t[2] * self.fit.mm_per_unit:.0f} mm from the camera; give the camera's own focal length or field "
-            "of view",
+            f"with a focal length of {focal} the face would be {mm} from the camera; "
+            "give the camera's own focal length or field of view",
         )
         self.person = Person(frame, landmarks, self.fit, camera, s, self.before)
         self.compilation.finish()
