@@ -142,6 +142,13 @@ def test_odd_names_do_not_end_a_batch(videos: Path, code: dict[str, str], tmp_pa
     assert {row.state for row in track_all([videos], out)} == {"kept"}
 
 
+def test_overlays_of_tables_are_no_videos(videos: Path, tmp_path: Path) -> None:
+    for name in ("a.overlay.mp4", "a.csv", "film.overlay.mp4"):
+        (videos / name).write_bytes(b"")
+    names = {video.name for video, _ in find_videos([videos], tmp_path / "out")}
+    assert names == {"a.mp4", "film.overlay.mp4", "b.avi", "c.MOV"}
+
+
 def test_a_folder_that_cannot_be_read_is_named(videos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scan = os.scandir
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import struct
@@ -464,6 +465,18 @@ def test_a_name_with_a_colon_is_no_protocol(video: Path, tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     video.rename(tmp_path / "2024-05-01T12:30:00.mkv")
     assert len(frames_of(Path("2024-05-01T12:30:00.mkv"))) == 10
+
+
+def test_decoded_images_are_freed_at_once(video: Path) -> None:
+    """And not when garbage is collected, which the command line does rarely."""
+    gc.collect()
+    gc.disable()
+    try:
+        for frame in open_video(video):
+            assert frame.brightness.any() or frame.index == 0
+        assert sum(isinstance(each, av.VideoFrame) for each in gc.get_objects()) < 5
+    finally:
+        gc.enable()
 
 
 def test_numbers_of_numpy_become_plain() -> None:

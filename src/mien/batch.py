@@ -35,6 +35,7 @@ _WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are 
 """The note of a video whose process outlived the run that started it."""
 _CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "surrogateescape"}
 """How the summary is opened: names of videos need not be valid UTF-8."""
+_OVERLAY = ".overlay.mp4"
 _MESSAGE_PREFIX = "mien: "
 """The prefix of warnings and errors on the command line."""
 
@@ -183,7 +184,7 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
         not real_path(path).is_relative_to(real_path(out)),
         f"{out} holds the videos; choose another folder for the tables with -o",
     )
-    below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES)
+    below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES and not _is_overlay(file))
     shown = (file for file in below if not any(part.startswith(".") for part in file.relative_to(path).parts))
     videos = [file for file in shown if not real_path(file).is_relative_to(real_path(out))]
     yield from ((file, file.relative_to(path)) for file in videos)
@@ -213,7 +214,12 @@ def _processors() -> int:
 
 def _pictures(table: Path) -> tuple[Path, Path]:
     """Paths of the overlay and the plot of a table."""
-    return table.with_name(f"{table.stem}.overlay.mp4"), table.with_suffix(".png")
+    return table.with_name(f"{table.stem}{_OVERLAY}"), table.with_suffix(".png")
+
+
+def _is_overlay(file: Path) -> bool:
+    """Whether a video is named like an overlay of mien, with the table to which it belongs beside it."""
+    return file.name.endswith(_OVERLAY) and file.with_name(f"{file.name.removesuffix(_OVERLAY)}.csv").exists()
 
 
 def _command(row: Row, options: BatchOptions) -> Call:

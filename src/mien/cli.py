@@ -401,7 +401,7 @@ def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None
 
 
 def _state(estimate: Estimate) -> str:
-    """`tracked 97%`, or `lost: REASON`."""
+    """`tracked, confidence 97%`, or `lost: REASON`."""
     if estimate.status.success:
-        return f"{estimate.status.value} {100 * estimate.confidence:.0f}%"
+        return f"{estimate.status.value}, confidence {100 * estimate.confidence:.0f}%"
     return f"lost: {estimate.reason}"

@@ -63,29 +63,18 @@ class Frame:
 class Decoded:
     """An image decoded by PyAV, which becomes upright, with square pixels, as its metadata says.
 
-    converter: a VideoReformatter shared by all images of a video: setting up a conversion takes several times as long
-    as running it. aspect: width of a pixel over its height; correcting it stretches the image, never shrinks it.
+    display: shared by all images of a video. aspect: width of a pixel over its height; correcting it stretches the
+    image, never shrinks it.
     """
 
     image: Any
-    converter: Any
+    display: Display
     aspect: float = 1.0
 
-    @cached_property
+    @property
     def orientation(self) -> tuple[int, int]:
-        """How to display the image: column order, 1 as stored or -1 mirrored, then the number of counter-clockwise
-        quarter turns."""
-        from av.sidedata.sidedata import Type
-
-        try:
-            matrix = self.image.side_data.get(Type.DISPLAYMATRIX)
-        except ValueError:  # it fails on side data of a kind that PyAV does not know, such as EXIF
-            return 1, round(self.image.rotation / 90) % 4
-        if matrix is None:
-            return 1, 0
-        a, b, _, c, d = np.frombuffer(matrix, np.int32)[:5].astype(float)  # x' = a x + c y, y' = b x + d y
-        columns = 1 if a * d - b * c >= 0 else -1
-        return columns, round(2 * math.atan2(c, columns * a) / math.pi) % 4
+        """See `Display.orientation`."""
+        return self.display.orientation(self.image)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -103,7 +92,8 @@ class Decoded:
         """(H, W, 3) uint8."""
         with _converting:
             height, width = self._size_with_square_pixels
-            pixels = self.converter.reformat(self.image, width, height, format="rgb24").to_ndarray()
+            converted = self.display.converter.reformat(self.image, width, height, format="rgb24")
+        pixels = np.asarray(converted.to_ndarray(), np.uint8)
         return np.ascontiguousarray(self._upright(pixels))
 
     def luma(self) -> Pixels | None:
@@ -122,6 +112,43 @@ class Decoded:
         return np.rot90(pixels[:, ::columns], quarters)
 
 
+class Display:
+    """How the images of a video are displayed, and what converts them: setting up a conversion takes several times as
+    long as running it."""
+
+    def __init__(self) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self.converter = VideoReformatter()
+        self._orientations: dict[float, tuple[int, int]] = {}
+
+    def orientation(self, image: Any) -> tuple[int, int]:
+        """Column order, 1 as stored or -1 mirrored, and the number of counter-clockwise quarter turns after it.
+
+        The display matrix is read once per rotation: an image whose side data was read stays in memory until Python
+        collects garbage.
+        """
+        rotation = image.rotation
+        if rotation not in self._orientations:
+            self._orientations[rotation] = _orientation(image)
+        return self._orientations[rotation]
+
+
+def _orientation(image: Any) -> tuple[int, int]:
+    """`Display.orientation` by the display matrix of a decoded image."""
+    from av.sidedata.sidedata import Type
+
+    try:
+        matrix = image.side_data.get(Type.DISPLAYMATRIX)
+    except ValueError:  # it fails on side data of a kind that PyAV does not know, such as EXIF
+        return 1, round(image.rotation / 90) % 4
+    if matrix is None:
+        return 1, 0
+    a, b, _, c, d = np.frombuffer(matrix, np.int32)[:5].astype(float)  # x' = a x + c y, y' = b x + d y
+    columns = 1 if a * d - b * c >= 0 else -1
+    return columns, round(2 * math.atan2(c, columns * a) / math.pi) % 4
+
+
 def _check(pixels: object) -> None:
     """Reject anything but 8-bit RGB: 16-bit values, or floats between 0 and 1, would be misread."""
     given = f"an array {pixels.shape} of {pixels.dtype}" if isinstance(pixels, np.ndarray) else str(type(pixels))
@@ -133,7 +160,7 @@ def _check(pixels: object) -> None:
 
 
 _converting = threading.Lock()
-"""Frames of one video share a converter and may be converted in different threads."""
+"""Frames of one video share a `Display` and may be converted in different threads."""
 
 
 @cache

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from mien.arrays import Pixels
 from mien.errors import MienError, require, warn
 from mien.files import real_path
-from mien.frame import Decoded, Frame
+from mien.frame import Decoded, Display, Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 VIDEO_SUFFIXES = (
@@ -219,15 +219,15 @@ class VideoFile:
 
         Decoding starts at the key frame before `begin`; in some containers seeking misses it, and frames are missing.
         """
-        converter = _converter()
+        display = Display()
         for image in _decoded(self.path, begin):
             if image is None or image.time is None or image.time > until:
                 return
             if image.time >= begin:
-                yield Frame(Decoded(image, converter, self.aspect), time=float(image.time))
+                yield Frame(Decoded(image, display, self.aspect), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
-        converter = _converter()
+        display = Display()
         count, time, until, damaged = 0, self.begin, self.begin, False
         offset = 0.0  # added to the time stamps after a backward jump
         for image in _decoded(self.path):
@@ -241,7 +241,7 @@ class VideoFile:
                 offset += until - stamp
             time = stamp if count == 0 or stamp > time else until
             until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
-            yield Frame(Decoded(image, converter, self.aspect), count, time)
+            yield Frame(Decoded(image, display, self.aspect), count, time)
             count += 1
         require(
             count > 0,
@@ -469,12 +469,6 @@ def _decoded(path: Path, begin: float | None = None) -> Iterator[Any]:
                 yield None
                 continue
             yield from images
-
-
-def _converter() -> Any:
-    from av.video.reformatter import VideoReformatter
-
-    return VideoReformatter()
 
 
 def _same_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +24,8 @@ NORMAL_90 = 1.6449
 ANGLE_NAMES = ("pitch", "yaw", "roll")
 COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b", "#7a4fa3", "#3a9ca8", "#5a5a5a")
 LOST_COLOUR = "#d9d4cf"
+_DOTTED = 1000
+"""Most frames that are drawn as dots, too."""
 
 
 def plot_track(track: Track, path: Path) -> None:
@@ -52,6 +54,7 @@ def plot_track(track: Track, path: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
         axis.margins(x=0.01)
     axes[-1].set_xlabel("time (seconds)")
+    axes[-1].ticklabel_format(axis="x", useOffset=False, style="plain")
     if lost.any():
         axes[0].set_title(f"{lost.sum()} of {len(lost)} frames lost (shaded)", loc="left", fontsize=10)
     with whole_file(path) as file:
@@ -61,7 +64,7 @@ def plot_track(track: Track, path: Path) -> None:
 def _plot_series(axis: Axes, time: Array, values: Array, sd: Array | None, names: Sequence[str]) -> None:
     """One line per column of values (n, k), interrupted at lost frames, with a 90 % band if sd is known."""
     for k, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
-        axis.plot(time, values[:, k], color=colour, label=name, linewidth=1.4, marker=".", markersize=3)
+        axis.plot(time, values[:, k], color=colour, label=name, **_line(time))
         if sd is None:
             continue
         half = NORMAL_90 * sd[:, k]
@@ -75,8 +78,13 @@ def _plot_series(axis: Axes, time: Array, values: Array, sd: Array | None, names
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
 
 
+def _line(time: Array) -> dict[str, Any]:
+    """Style of a line through these times: in a long video a dot for each frame would cover the line."""
+    return {"linewidth": 0.6} if len(time) > _DOTTED else {"linewidth": 1.4, "marker": ".", "markersize": 3}
+
+
 def _plot_confidence(axis: Axes, time: Array, confidence: Array) -> None:
-    axis.plot(time, confidence, color="#333333", linewidth=1.2, marker=".", markersize=3)
+    axis.plot(time, confidence, color="#333333", **_line(time))
     axis.fill_between(time, 0, confidence, color="#333333", alpha=0.12, linewidth=0)
     axis.set_ylim(0, 1.05)
     axis.set_ylabel("confidence")

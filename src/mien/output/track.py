@@ -293,7 +293,7 @@ class Recorder:
 
     def track(self, metadata: Mapping[str, Any]) -> Track:
         """The track of all rows so far; they stay in the file and are read on demand."""
-        require(self.count > 0, f"{self.path}: there is nothing to write, as no frame was tracked")
+        require(self.count > 0, "there is nothing to write, as no frame was tracked")
         self._flush()
         content = pa.BufferReader(pa.py_buffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)))
         tables = []

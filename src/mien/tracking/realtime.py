@@ -16,7 +16,7 @@ from mien.appearance.crop import is_blank
 from mien.arrays import Array
 from mien.candide.model import Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
-from mien.errors import MienError, require
+from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import fit_first_frame
@@ -119,6 +119,11 @@ class RealtimeTracker:
         self.prior.R_first = self.pose.R
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
+        if self.closing is None:
+            warn(
+                f"the eyes are shut or too small at {frame.time:.2f} s, where tracking begins: eyes_closed is not "
+                "estimated; begin where they are open, with --start"
+            )
         return solution
 
     def _landmark_offsets(self, landmarks: Landmarks) -> Array:
