@@ -191,3 +191,11 @@ def test_a_face_is_known_where_a_track_has_it() -> None:
 
 def test_it_is_part_of_mien() -> None:
     assert mien.track_faces is track_faces
+
+
+def test_of_two_tracks_of_one_face_that_are_as_sure_the_earlier_has_it() -> None:
+    """Some trackers are always sure."""
+    boxes = FaceBoxes.__new__(FaceBoxes)
+    boxes.centre, boxes.size, boxes.confidence = np.full((3, 2), 50.0), np.full(3, 40.0), np.ones(3)
+    assert boxes.taken_by(boxes, earlier=True).all()
+    assert not boxes.taken_by(boxes, earlier=False).any()

@@ -147,3 +147,14 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
         mien.stream(tmp_path, focal_px=500, fov_deg=60)
     with pytest.raises(MienError, match=r"none\.json"):
         mien.stream(tmp_path, camera=tmp_path / "none.json")
+
+
+def test_a_face_that_enters_from_the_border_is_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of it is detected beyond the border: nothing could be learned there."""
+    face = known_portrait().landmarks
+    half = replace(face, points=face.points - [face.points[:, 0].mean(), 0])
+    seen = lambda frame, at: [half if frame.index < SEEN.start + 2 else face]  # noqa: E731
+    monkeypatch.setattr(detector, "detect_once", seen)
+    statuses = [estimate.status for _, estimate in mien.stream(folder)]
+    assert statuses[: SEEN.start + 2] == [Status.LOST] * (SEEN.start + 2)
+    assert statuses[SEEN.start + 2] is Status.INITIALIZED

@@ -21,9 +21,10 @@ from mien.files import real_path, require_writable, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
-from mien.processes import Call, Ended, Progress, run_commands
+from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker, file_of
 from mien.start import requested_options
+from mien.tracking.state import Status
 from mien.video import VIDEO_SUFFIXES, list_images
 
 SUMMARY = "summary.csv"
@@ -137,7 +138,7 @@ def track_all(
     started: list[str] = []
     try:
         progress(len(found) - len(waiting), len(found), "")
-        for ended in run_commands(commands, jobs or _processors(), started=started.append, forked=forked):
+        for ended in run_commands(commands, jobs or available_processors(), started=started.append, forked=forked):
             k = waiting[ended.index]
             found[k] = _outcome(found[k][0], ended)
             with suppress(MienError):  # a later write includes it too, and the last one must succeed
@@ -207,11 +208,6 @@ def _files_below(folder: Path) -> list[Path]:
     return sorted(found)
 
 
-def _processors() -> int:
-    """Number of processors available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _pictures(table: Path) -> tuple[Path, Path]:
     """Paths of the overlay and the plot of a table."""
     return table.with_name(f"{table.stem}{_OVERLAY}"), table.with_suffix(".png")
@@ -269,7 +265,7 @@ def _outcome(row: Row, ended: Ended) -> list[Row]:
 
 def _with_counts(row: Row, track: Track) -> Row:
     """The row with the counts from a track of its video."""
-    begun = track.time[track.status.index("initialized")] if "initialized" in track.status else None
+    begun = track.time[track.status.index(Status.INITIALIZED)] if Status.INITIALIZED in track.status else None
     unsure = int((np.nan_to_num(track.confidence) < 0.5).sum())
     faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
     return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)

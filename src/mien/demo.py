@@ -16,7 +16,7 @@ from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
 from mien.output.overlay import OverlayWriter
 from mien.output.track import Track, track_paths
-from mien.pipeline import DEFAULT_PRESET, Progress, track
+from mien.pipeline import track
 from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, moved, portrait
 
 SECONDS = 4.0
@@ -42,9 +42,7 @@ def run_demo(
     out: Path,
     *,
     seconds: float = SECONDS,
-    preset: str = DEFAULT_PRESET,
     console: Console | None = None,
-    progress: Progress | None = None,
 ) -> DemoErrors:
     """Write video, truth, track, overlay and plot to the folder `out`; print and return the errors."""
     console = console or Console()
@@ -55,10 +53,8 @@ def run_demo(
         write_sequence(out, face, sequence)
         result = track(
             out / VIDEO,
-            preset=preset,
             landmarks=out / LANDMARKS,
             camera=face.camera,
-            progress=progress,
             save=out / TABLE,
             overlay=out / OVERLAY,
             plot=out / PLOT,

@@ -86,10 +86,12 @@ class FaceBoxes:
         here = replace(seen, centre=self.centre[row], size=float(self.size[row]))
         return bool(self.confidence[row] > _CONFIDENT) and here.is_at(seen)
 
-    def taken_by(self, other: FaceBoxes) -> Mask:
-        """The frames (n,) in which another track has the same face with a higher confidence."""
+    def taken_by(self, other: FaceBoxes, earlier: bool) -> Mask:
+        """The frames (n,) in which another track, an earlier or a later one, has the same face with a higher
+        confidence; the earlier one also with the same, as some trackers estimate none."""
         same = is_same_place(self.centre, self.size, other.centre, other.size)
-        return np.asarray(same & (other.confidence > self.confidence))
+        higher = other.confidence >= self.confidence if earlier else other.confidence > self.confidence
+        return np.asarray(same & higher)
 
 
 def is_same_place(centre: Array, size: Array, other_centre: Array, other_size: Array) -> Mask:
@@ -234,9 +236,10 @@ def _track_face(
 def _without_other_faces(face: TrackedFace, all_faces: Sequence[TrackedFace]) -> Track:
     """The track of a face, lost in the frames in which it has the face of another track."""
     reasons: list[str | None] = [None] * len(face.track)
-    for other in all_faces:
+    place = next((k for k, other in enumerate(all_faces) if other is face), len(all_faces))
+    for number, other in enumerate(all_faces):
         if other is not face:
-            for k in np.flatnonzero(face.boxes.taken_by(other.boxes)):
+            for k in np.flatnonzero(face.boxes.taken_by(other.boxes, earlier=number < place)):
                 reasons[k] = f"face {other.track.metadata['face_id']} is here"
     return face.track.without(reasons)
 

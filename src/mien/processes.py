@@ -63,6 +63,11 @@ class Call:
         return Command(self.name, (sys.executable, "-c", code, *self.arguments), self.environment)
 
 
+def available_processors() -> int:
+    """Number of processors available to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def can_fork() -> bool:
     """Whether forking is safe; on macOS, libraries that are already imported may not survive it."""
     return sys.platform == "linux"

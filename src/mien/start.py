@@ -222,6 +222,8 @@ def best_look(first: Frame, landmarks: Landmarks, camera: Camera, footage: Foota
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
     for frame, face in follow(landmarks, in_time):
+        if not face.are_inside(frame.width, frame.height):
+            continue
         looks.append(face)
         details.append(detail(frame, face))
         if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
@@ -266,7 +268,7 @@ class Patience:
         """The faces of a frame, largest first, if tracking may start with it; else none."""
         from mien.initialization.detector import detect, detect_once
 
-        faces = detect_once(frame, self.at)
+        faces = [face for face in detect_once(frame, self.at) if face.are_inside(frame.width, frame.height)]
         if not faces:
             self.first_detection = None
             return []

@@ -102,7 +102,7 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
     empty or contains no frame.
     """
     require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
-    last, found, ended = 0.0, False, False
+    last, found, ended = -math.inf, False, False
     for frame in video:
         last = frame.time
         ended = end is not None and last >= end
@@ -113,6 +113,7 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
             yield frame
     after = "" if start is None else f" from {start:g} s" + (" on" if end is None else "")
     before = "" if end is None else f" before {end:g} s"
+    require(found or last > -math.inf, f"{video.name}: there is no frame")
     nearest = "the next" if ended else "its last"
     require(found, f"{video.name} has no frame{after}{before}; {nearest} is at {last:g} s")
 

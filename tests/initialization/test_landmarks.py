@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,12 @@ def test_bad_values_are_refused() -> None:
     points[3, 1] = np.nan
     with pytest.raises(MienError, match=r"face\.json: .*finite"):
         Landmarks(points, "candide26", source="face.json")
+
+
+@pytest.mark.parametrize("depths", [[1.0, 2.0], [float("nan")] * 26, ["deep"] * 26])
+def test_bad_depths_are_refused(depths: list[Any]) -> None:
+    with pytest.raises(MienError, match="depths"):
+        Landmarks(np.zeros((26, 2)), "candide26", depths)  # type: ignore[arg-type]
 
 
 def test_what_lies_in_the_image_is_accepted() -> None:

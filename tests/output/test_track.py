@@ -310,6 +310,18 @@ def test_columns_of_ones_own_are_no_landmarks(track: Track) -> None:
     np.testing.assert_array_equal(noted.landmarks, landmarks)
 
 
+def test_a_landmark_that_is_never_known_keeps_its_place() -> None:
+    points = np.array([[np.nan, np.nan], [3.0, 4.0], [5.0, 6.0]])
+    known = TrackedLandmarks(("a", "b", "c"), points)
+    estimates = [Estimate(k, k / 25, Status.TRACKED, FACING, np.zeros(3), landmarks=known) for k in range(2)]
+    track = Track.from_estimates(estimates)
+    assert track.landmarks is not None
+    np.testing.assert_array_equal(track.landmarks[0], points)
+    (again, _) = track.estimates()
+    assert again.landmarks is not None
+    np.testing.assert_array_equal(again.landmarks.image, points)
+
+
 def test_a_long_name_is_written(track: Track, tmp_path: Path) -> None:
     name = 240 * "n"
     track.save(tmp_path / f"{name}.csv")

@@ -27,7 +27,7 @@ print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """
 
 
-@pytest.mark.skipif(first_run._processors() < 2, reason="nothing is compiled in the background on one processor")
+@pytest.mark.skipif(first_run.available_processors() < 2, reason="one processor compiles everything itself")
 def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
@@ -61,7 +61,7 @@ print(first_run._is_cached())
 @pytest.fixture
 def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first_run, "_is_cached", lambda: False)
-    monkeypatch.setattr(first_run, "_processors", lambda: 2)
+    monkeypatch.setattr(first_run, "available_processors", lambda: 2)
 
 
 @pytest.mark.usefixtures("first_time")
@@ -90,7 +90,7 @@ from mien.tracking import first_run, kernels
 
 first_run._PROGRAM = "import time; time.sleep(60)"
 first_run._is_cached = lambda: False
-first_run._processors = lambda: 2
+first_run.available_processors = lambda: 2
 compiled = first_run.BackgroundCompilation()
 print(compiled.helper.pid)
 raise KeyboardInterrupt

@@ -84,7 +84,7 @@ def test_marginalizing_against_the_dense_formula() -> None:
 
 
 def test_marginalizing_is_the_best_misplacement() -> None:
-    """Eliminating e from (x + e)' M (x + e) + 2 g' (x + e) + e' P e leaves the marginalizinged form, at every x."""
+    """Eliminating e from (x + e)' M (x + e) + 2 g' (x + e) + e' P e leaves the marginalised form, at every x."""
     rng = np.random.default_rng(1)
     M, g, d2, precision = _positive(rng, 4), rng.normal(size=4), 30.0, rng.uniform(0.5, 20, 4)
     M_new, g_new = M.copy(), g.copy()

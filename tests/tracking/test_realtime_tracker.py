@@ -355,7 +355,7 @@ def test_the_same_frames_give_the_same_numbers(estimates: list[Estimate]) -> Non
         np.testing.assert_array_equal(_covariance(a), _covariance(b))
 
 
-def test_the_mesh_is_the_fitted_face(estimates: list[Estimate]) -> None:
+def test_the_mesh_is_the_fitted_face() -> None:
     tracker = RealtimeTracker()
     first = tracker.initialize(face().frame, face().landmarks, face().camera)
     mesh = tracker.mesh(first)

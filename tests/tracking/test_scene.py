@@ -24,7 +24,7 @@ def _correlation(*frames: Frame, radius: float = RADIUS) -> float:
     scene = Scene(look_back=2)
     for frame in frames:
         scene.remember(frame)
-    return scene.correlation(frames[-1], FACE, radius)
+    return scene.correlation(FACE, radius)
 
 
 def test_a_hand_before_the_face_leaves_its_surroundings_as_they_were() -> None:

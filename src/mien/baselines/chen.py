@@ -80,8 +80,8 @@ class ChenTracker(CandideTracker):
 
     least_similarity = 0.5
 
-    def __init__(self, evaluations: int = 500, seed: int = 0) -> None:
-        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
+    def __init__(self, evaluations: int = 500) -> None:
+        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(0))
 
     def _learn(self, frame: Frame) -> None:
         views = views_of_first_frame(frame, self.fit, self.camera, view_rotations())

@@ -181,15 +181,15 @@ class LefevreTracker(CandideTracker):
 
     least_similarity = 0.4
 
-    def __init__(self, evaluations: int = 500, side_points: int = SIDE_POINTS, seed: int = 0) -> None:
-        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
-        self._side_points, self._seed = side_points, seed
+    def __init__(self, evaluations: int = 500, side_points: int = SIDE_POINTS) -> None:
+        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(0))
+        self._side_points = side_points
 
     def _learn(self, frame: Frame) -> None:
         views = views_of_first_frame(frame, self.fit, self.camera, view_rotations())
         samples = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
         self.structure = PatchStatistics.learn(np.stack(samples), VARIANCE_FLOOR)
-        self.points = SurfacePoints.draw(self.fit, np.random.default_rng(self._seed), self._side_points)
+        self.points = SurfacePoints.draw(self.fit, np.random.default_rng(0), self._side_points)
         self.appearance = Appearance.unseen(len(self.points.normals))
         self._adapt(frame)
 

@@ -101,9 +101,9 @@ class Tran2013Tracker(CandideTracker):
     least_similarity = 0.4
     animated = False
 
-    def __init__(self, evaluations: int = 150, seed: int = 0) -> None:
+    def __init__(self, evaluations: int = 150) -> None:
         require_scikit_learn("tran-2013")
-        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(seed))
+        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(0))
 
     def _learn(self, frame: Frame) -> None:
         rotations = [rotation(*np.radians([*angles, 0.0])) for angles in product(VIEW_ANGLES_DEG, VIEW_ANGLES_DEG)]

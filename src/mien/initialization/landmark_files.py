@@ -72,10 +72,6 @@ def _read_json(path: Path, index: int, time: float) -> Landmarks:
             f"{path} needs `scheme` and `points`, a list of pairs of numbers ({error}); "
             "compare it with the output of mien landmarks"
         ) from error
-    require(
-        depths is None or (depths.shape == points.shape[:1] and bool(np.isfinite(depths).all())),
-        f"{path}: `depths` must have one finite number per point; correct or remove it",
-    )
     return Landmarks(points, scheme, depths, index, time, str(path))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.arrays import Array
-from mien.errors import require
+from mien.errors import MienError, require
 
 LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
     {
@@ -137,7 +137,10 @@ class Landmarks:
     def __post_init__(self) -> None:
         for name in ("points", "depths"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+                try:
+                    object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+                except (TypeError, ValueError) as error:
+                    raise MienError(f"{self.source}: the {name} are not numbers ({error})") from error
         require(self.scheme in _SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
         count = _SCHEMES[self.scheme][0]
         require(
@@ -148,6 +151,10 @@ class Landmarks:
             bool(np.isfinite(self.points).all()),
             f"{self.source}: a landmark is not a finite number; annotate every point",
         )
+        require(
+            self.depths is None or (self.depths.shape == (count,) and bool(np.isfinite(self.depths).all())),
+            f"{self.source}: `depths` must have one finite number per point; correct or remove it",
+        )
 
     def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:
         """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) if known."""
@@ -155,14 +162,17 @@ class Landmarks:
         depths = None if self.depths is None else self.depths[rows].mean(axis=1)
         return vertices, self.points[rows].mean(axis=1), depths
 
-    def check(self, width: int, height: int) -> None:
-        """Raise MienError for points outside the image, mirrored landmarks, and faces too small to track."""
+    def are_inside(self, width: int, height: int) -> bool:
+        """Whether the face lies inside an image, or hardly beyond its border."""
         _, points, _ = self.correspondences()
         margin = 0.25 * float(np.ptp(points, axis=0).max())
         low, high = points.min(axis=0), points.max(axis=0)
-        inside = low.min() >= -margin and high[0] <= width - 1 + margin and high[1] <= height - 1 + margin
+        return bool(low.min() >= -margin and high[0] <= width - 1 + margin and high[1] <= height - 1 + margin)
+
+    def check(self, width: int, height: int) -> None:
+        """Raise MienError for points outside the image, mirrored landmarks, and faces too small to track."""
         require(
-            bool(inside),
+            self.are_inside(width, height),
             f"{self.source}: landmarks lie outside the image of {width}x{height} pixels; "
             "check that they belong to this video",
         )

@@ -126,7 +126,7 @@ def estimate_from_row(row: Mapping[str, Any], landmark_names: tuple[str, ...], m
 
     def values(names: Sequence[str]) -> Array | None:
         known = [row.get(name) for name in names]
-        return None if not known or known[0] is None else np.array(known, float)
+        return None if all(value is None for value in known) else np.array(known, float)
 
     def points(axes: str) -> Array | None:
         columns = [values([f"{axis}_{i}" for i in range(len(landmark_names))]) for axis in axes]
@@ -220,6 +220,7 @@ def _columns(groups: Sequence[_Group], estimates: Sequence[Estimate]) -> dict[st
         empty = np.full(count, np.nan)
         matrix = np.round([empty if r is None else r for r in rows], group.decimals)
         for k, name in enumerate(group.column_names(count)):
-            if not np.isnan(matrix[:, k]).all():
+            # A numbered group is there as a whole: without one of its columns the others would be misread.
+            if not np.isnan(matrix[:, k] if name in _STEMS else matrix).all():
                 columns[name] = pa.array(matrix[:, k], from_pandas=True)
     return columns

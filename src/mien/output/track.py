@@ -38,7 +38,7 @@ from mien.output.columns import (
     sort_columns,
     table_from_estimates,
 )
-from mien.tracking.state import EYES_CLOSED, Estimate
+from mien.tracking.state import EYES_CLOSED, Estimate, Status
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,7 +100,7 @@ class Track:
     @property
     def lost(self) -> int:
         """Number of frames in which the face is lost."""
-        return self.status.count("lost")
+        return self.status.count(Status.LOST)
 
     @cached_property
     def euler_deg(self) -> Array:

@@ -19,6 +19,7 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
+from mien.processes import available_processors
 from mien.tracking import (
     definite,
     eyes,
@@ -117,7 +118,7 @@ class BackgroundCompilation:
     cached or there is one processor only. That process ends with this object, or with this process."""
 
     def __init__(self) -> None:
-        self.helper = None if _is_cached() or _processors() < 2 else _start()
+        self.helper = None if _is_cached() or available_processors() < 2 else _start()
         if self.helper is not None:
             weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
@@ -150,10 +151,6 @@ def _indices() -> list[Path] | None:
     solve, _ = SOLVE
     folder = solve.stats.cache_path
     return None if folder is None else list(Path(folder).glob(f"{_SOURCE.stem}.{solve.__name__}-*.nbi"))
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _stop(helper: subprocess.Popen[bytes]) -> None:

@@ -19,8 +19,8 @@ from mien.geometry.camera import Camera
 @dataclass(frozen=True)
 class Level:
     """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
-    descriptors when the eyes do what `_EYES` says. views: tilts and pans (2, k) in radians of the k x k views; behind:
-    (k, k, n) how far each landmark lies behind the face's own surface there, CANDIDE units."""
+    descriptors when the eyes do what `learning._EYES` says. views: tilts and pans (2, k) in radians of the k x k views;
+    behind: (k, k, n) how far each landmark lies behind the face's own surface there, CANDIDE units."""
 
     descriptor: DescriptorSettings
     size: int

@@ -97,8 +97,8 @@ class Person:
         self.tolerance[JAW] *= s.jaw_tolerance
         self.tolerance[_NOSE] *= s.nose_tolerance
         angle = np.radians(s.appearance_angle_sd_deg)
-        self.indistinct = np.array([name in _TEMPLES for name in TRACKED])
-        self.least_variance = np.where(self.indistinct, s.temple_sd, s.location_sd) ** 2
+        self.temples = np.array([name in _TEMPLES for name in TRACKED])
+        self.least_variance = np.where(self.temples, s.temple_sd, s.location_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
 

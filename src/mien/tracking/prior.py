@@ -59,13 +59,10 @@ class StatePrior:
         self.rest_information, self.firmness = np.full(6, s.rest_animation**-2), np.full(6, s.rest_firmness)
         self.rest_information[MOUTH_UNITS], self.firmness[MOUTH_UNITS] = s.rest_mouth**-2, s.rest_mouth_firmness
         self.firmness[JAW_DROP] = s.rest_jaw_firmness
-        self._last: Pose | None = None
 
     def arrays(self, predicted: Prediction) -> tuple[Array, ...]:
         """The prior about a prediction, as the kernels take it."""
-        if predicted.last is not self._last:
-            self._last, self._rest_now = predicted.last, self._rest_information(predicted)
-        return (*predicted.pose.arrays, predicted.information, self.rest, self._rest_now)
+        return (*predicted.pose.arrays, predicted.information, self.rest, self._rest_information(predicted))
 
     def _rest_information(self, predicted: Prediction) -> Array:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""

@@ -101,7 +101,7 @@ class RealtimeTracker:
         self.solver = PoseSolver(self.person, camera, self.prior, s)
         self.velocity = np.zeros(12)
         self.motion = Motion(self.face.patches, s)
-        self.identity = Identity(1.0 - self.person.indistinct)
+        self.identity = Identity(1.0 - self.person.temples)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = self.doubted_frames = 0
@@ -179,7 +179,7 @@ class RealtimeTracker:
     def _surroundings(self, frame: Frame) -> float:
         """Correlation of the surroundings of the face with those of twelve frames ago."""
         radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
-        return self.identity.scene.correlation(frame, self.camera.project(self.pose.t)[0], radius)
+        return self.identity.scene.correlation(self.camera.project(self.pose.t)[0], radius)
 
     def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
         """Keep the last pose, and report why the face is lost."""

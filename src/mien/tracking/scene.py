@@ -31,7 +31,7 @@ class Scene:
     def remember(self, frame: Frame) -> None:
         """Keep the grid of a frame: per cell the sum of four pixels, at a quarter and three quarters of its sides. The
         noise of a single pixel would hide a plain background."""
-        down, across = _cell(frame)
+        self.cell = down, across = _cell(frame)
         rows, columns = frame.height // down, frame.width // across
         image = frame.brightness[: rows * down, : columns * across]
         above, below = (image[y::down] for y in _quarters(down))
@@ -41,12 +41,12 @@ class Scene:
         total += below[:, right::across]
         self.seen.append(total)
 
-    def correlation(self, frame: Frame, face: Array, radius: float) -> float:
-        """Correlation of the surroundings in the frame remembered last, `frame`, with those `look_back` frames before:
+    def correlation(self, face: Array, radius: float) -> float:
+        """Correlation of the surroundings in the frame remembered last with those `look_back` frames before:
         of what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything, and where the
         frames differ in size."""
         rows, columns = self.seen[-1].shape
-        down, across = _cell(frame)
+        down, across = self.cell
         y, x = (np.arange(rows) + 0.5) * down - 0.5, (np.arange(columns) + 0.5) * across - 0.5
         reach = 0.25 * np.hypot(down, across)  # of those four pixels from the middle of their cell
         around = np.hypot(y[:, None] - face[1], x - face[0]) > radius + reach
@@ -61,7 +61,7 @@ def numbered_by_shot(frames: Iterable[Frame]) -> Iterator[tuple[int, Frame]]:
     scene, cuts = Scene(look_back=1), 0
     for frame in frames:
         scene.remember(frame)
-        cuts += scene.correlation(frame, np.zeros(2), 0.0) < _SAME_SHOT
+        cuts += scene.correlation(np.zeros(2), 0.0) < _SAME_SHOT
         yield cuts, frame
 
 

@@ -111,7 +111,8 @@ class Tracker(Protocol):
     """A tracker of one face. It never raises for a lost face: that is a status."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Learn the face of a first frame, in which its landmarks are known. Raises MienError where they do not do."""
+        """Learn the face of a first frame, in which its landmarks are known. Raises MienError for landmarks that cannot
+        be tracked."""
         ...
 
     def track(self, frame: Frame) -> Estimate:
