@@ -20,7 +20,7 @@ from mien.tracking.definite import cholesky, solve_definite
 from mien.tracking.kernels import add_landmark
 from mien.tracking.pose_geometry import STATE_SIZE
 
-_ENOUGH = 0.15
+_ENOUGH = 0.12
 """Novelty of the information added since the mean was last found, at which it is found again: at poses that are known
 every few frames."""
 _STEEPEST = 6.0
