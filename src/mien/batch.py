@@ -17,7 +17,7 @@ import numpy as np
 
 from mien._version import __version__
 from mien.errors import MienError, require, warn
-from mien.files import real_path, require_writable, size_of, whole_file
+from mien.files import real_path, reason_of, require_writable, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
@@ -198,7 +198,7 @@ def _files_below(folder: Path) -> list[Path]:
     cannot be read."""
 
     def report(error: OSError) -> None:
-        warn(f"{error.filename} cannot be read ({(error.strerror or str(error)).lower()}); its videos are not tracked")
+        warn(f"{error.filename} cannot be read ({reason_of(error)}); its videos are not tracked")
 
     found = []
     for root, folders, files in os.walk(folder, onerror=report):

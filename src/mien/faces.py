@@ -236,11 +236,13 @@ def _track_face(
 def _without_other_faces(face: TrackedFace, all_faces: Sequence[TrackedFace]) -> Track:
     """The track of a face, lost in the frames in which it has the face of another track."""
     reasons: list[str | None] = [None] * len(face.track)
-    place = next((k for k, other in enumerate(all_faces) if other is face), len(all_faces))
-    for number, other in enumerate(all_faces):
-        if other is not face:
-            for k in np.flatnonzero(face.boxes.taken_by(other.boxes, earlier=number < place)):
-                reasons[k] = f"face {other.track.metadata['face_id']} is here"
+    earlier = True  # a face that is not yet among them comes after them all
+    for other in all_faces:
+        if other is face:
+            earlier = False
+            continue
+        for k in np.flatnonzero(face.boxes.taken_by(other.boxes, earlier)):
+            reasons[k] = f"face {other.track.metadata['face_id']} is here"
     return face.track.without(reasons)
 
 

@@ -42,7 +42,12 @@ def named_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise MienError(f"{path} cannot be written ({_reason(error)}); {REMEDY}") from error
+        raise MienError(f"{path} cannot be written ({reason_of(error)}); {REMEDY}") from error
+
+
+def reason_of(error: OSError) -> str:
+    """Why the system refused something, as a part of a sentence."""
+    return (error.strerror or str(error)).lower()
 
 
 def create_temporary(path: Path) -> Path:
@@ -59,7 +64,7 @@ def require_writable(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         create_temporary(path).unlink()
     except OSError as error:
-        raise MienError(f"{path} cannot be written ({_reason(error)}); choose another place") from error
+        raise MienError(f"{path} cannot be written ({reason_of(error)}); choose another place") from error
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")
 
 
@@ -103,7 +108,3 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()

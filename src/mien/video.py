@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from mien.arrays import Pixels
 from mien.errors import MienError, require, warn
-from mien.files import real_path
+from mien.files import real_path, reason_of
 from mien.frame import Decoded, Display, Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
@@ -426,8 +426,7 @@ def _container(path: Path) -> Any:
         # An absolute path, since what stands before a colon would be taken for a protocol.
         container = av.open(os.path.abspath(path), metadata_errors="ignore")
     except (av.error.FFmpegError, OSError) as error:
-        reason = (error.strerror or str(error)).lower()
-        raise MienError(f"{path} cannot be read as a video ({reason}); check or convert the file") from error
+        raise MienError(f"{path} cannot be read as a video ({reason_of(error)}); check or convert the file") from error
     # FFmpeg accepts any text file as the format "tty", terminal output.
     if _stream(container) is None or container.format.name == "tty":
         container.close()

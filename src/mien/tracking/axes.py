@@ -45,7 +45,6 @@ class HeadAxes:
         self.turn = np.eye(3)
         self._lean = np.zeros(2)
         self.learn(shape)
-        self._relate()
 
     def learn(self, shape: ShapePosterior) -> None:
         """Update the axes to a shape that has been learned further."""
@@ -56,16 +55,11 @@ class HeadAxes:
         R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.turn, fit.t, _SD_DEG)
         self.turn = fit.R.T @ R
         self.first = replace(self.first, axes_sd=sd)
-        self._relate()
-
-    def _relate(self) -> None:
-        """Keep what `rotation` multiplies with on the left."""
-        self._to_head = self.reported @ self.turn.T @ self.first.R.T
 
     def rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the head where the model has R (3, 3): for the first frame the one that was reported, so
         that nothing learned later turns it; what has turned since is expressed in the axes of the head."""
-        return np.asarray(self._to_head @ R @ self.turn)
+        return np.asarray(self.reported @ self.turn.T @ self.first.R.T @ R @ self.turn)
 
     def model_rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
@@ -75,5 +69,4 @@ class HeadAxes:
         """Report the first frame by what is known now; returns the rotation (3, 3), in camera axes, that corrects
         everything reported so far."""
         before, self.reported = self.reported, self.first.R @ self.turn
-        self._relate()
         return np.asarray(self.reported @ before.T)

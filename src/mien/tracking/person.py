@@ -180,10 +180,8 @@ class Person:
     def _learn_locations(self, solution: Solution) -> None:
         """Trust a landmark less that is often found beside where the pose puts it."""
         s = self.settings
-        found, variance = (
-            solution.facing & (solution.w > 1e-3),
-            self.least_variance + solution.squared_misplacement(_LARGEST_MISPLACEMENT),
-        )
+        found = solution.facing & (solution.w > 1e-3)
+        variance = self.least_variance + solution.squared_misplacement(_LARGEST_MISPLACEMENT)
         _update_average(self.variance, 2, variance, found, s.location_rate, 0.0)
 
     def _learn_shape(self, solution: Solution) -> bool:

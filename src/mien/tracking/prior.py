@@ -32,9 +32,14 @@ class GaussianPrior:
         return float((((b - self.mean) / self.sd) ** 2).sum())
 
 
-def state_sd(rotation_deg: float, translation: float, depth: float, animation: float) -> Array:
-    """Standard deviations (12,) of the entries of b, Eq. (2): degrees and CANDIDE units a frame."""
-    return np.array([np.radians(rotation_deg)] * 3 + [translation, translation, depth] + [animation] * 6)
+def state_sd(
+    rotation_deg: float, translation: float, depth: float, animation: float, jaw: float | None = None
+) -> Array:
+    """Standard deviations (12,) of the entries of b, Eq. (2): degrees and CANDIDE units a frame. jaw: that of jaw_drop,
+    if it differs from the other units'."""
+    sd = np.array([np.radians(rotation_deg)] * 3 + [translation, translation, depth] + [animation] * 6)
+    sd[6 + JAW_DROP] = animation if jaw is None else jaw
+    return sd
 
 
 class StatePrior:
@@ -51,8 +56,7 @@ class StatePrior:
     def __init__(self, first: Pose, settings: RealtimeSettings) -> None:
         """first: pose of the first frame, whose animation is the rest."""
         s = settings
-        sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
-        sd[6 + JAW_DROP] = s.prior_jaw
+        sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation, s.prior_jaw)
         self.settings = s
         self.information = np.diag(1 / sd**2)
         self.rest, self.R_first = first.animation, first.R

@@ -259,8 +259,7 @@ class RealtimeTracker:
         share = np.count_nonzero(seen) / len(seen)
         if share >= s.hold_share:
             return found
-        sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation)
-        sd[6 + JAW_DROP] = s.prior_jaw
+        sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation, s.prior_jaw)
         inertia = np.diag(1 / sd**2)
         information = found.H / frame_variance(found.d2[seen], share)
         back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
