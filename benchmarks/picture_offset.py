@@ -24,7 +24,7 @@ from mien.evaluation.datasets import load_dataset
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.initialization.landmarks import VERTICES
 
 KINDS = ("uniform", "light", "wide")
 HALF = 7
@@ -48,7 +48,7 @@ class Head:
         self.camera: Camera = run.sequence.camera
         self.R, self.t = FACING @ truth["R"], truth["t"]
         fit = fit_first_frame(run.landmarks, self.camera)
-        X = fit.vertices()[list(LANDMARK_VERTICES.values())] @ fit.R.T + fit.t
+        X = fit.vertices()[VERTICES] @ fit.R.T + fit.t
         self.X = (X * self.t[0, 2] / fit.t[2] - self.t[0]) @ self.R[0]
 
     def seen(self, X: Array) -> Array:

@@ -16,7 +16,7 @@ from mien.baselines.surface import Pose, look
 from mien.baselines.xiao import XiaoTracker
 from mien.config import PaperSettings
 from mien.frame import Frame
-from mien.tracking.tracker import PaperTracker
+from mien.tracking.paper import PaperTracker
 
 
 class LaCasciaWithoutIllumination(LaCasciaTracker):

@@ -14,8 +14,8 @@ import mien
 from mien.config import PaperSettings, RealtimeSettings, Settings
 from mien.errors import MienError
 from mien.registry import create_tracker, file_of
+from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.tracker import PaperTracker
 from videos import known_portrait, portrait_images, write_video
 
 

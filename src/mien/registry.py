@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 TRACKERS: Mapping[str, str] = MappingProxyType(
     {
         "realtime": "mien.tracking.realtime:RealtimeTracker",
-        "paper": "mien.tracking.tracker:PaperTracker",
+        "paper": "mien.tracking.paper:PaperTracker",
         "mediapipe": "mien.baselines.mediapipe:MediaPipeTracker",
         "la-cascia-2000": "mien.baselines.la_cascia:LaCasciaTracker",
         "xiao-2003": "mien.baselines.xiao:XiaoTracker",

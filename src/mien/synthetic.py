@@ -22,7 +22,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import matrix_from_euler
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
-from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import VERTICES, Landmarks
 from mien.tracking.state import pack, unpack
 
 PORTRAIT_SIZE = (320, 240)
@@ -127,7 +127,7 @@ def pictures(portrait: Portrait, states: Array) -> Iterator[Float32]:
 
 
 def _project_landmarks(portrait: Portrait, R: Array, t: Array, animation: Array) -> Array:
-    X = portrait.fit.vertices(animation)[list(LANDMARK_VERTICES.values())]
+    X = portrait.fit.vertices(animation)[VERTICES]
     return portrait.camera.project(X @ R.T + t)[0]
 
 

@@ -35,7 +35,12 @@ def _both(axis: int) -> tuple[Frame, Frame]:
 def _pixels(crop: Crop) -> Array:
     """Image points (size, size, 2) of all pixels of a crop."""
     v, u = np.mgrid[: crop.size, : crop.size].astype(float)
-    return crop.to_image(np.stack([u, v], axis=-1))
+    return _to_image(crop, np.stack([u, v], axis=-1))
+
+
+def _to_image(crop: Crop, q: Array) -> Array:
+    """(..., 2) crop pixels -> (..., 2) image pixels."""
+    return np.asarray((q - crop.offset) @ np.linalg.inv(crop.linear).T)
 
 
 def _misplaced(crop: Crop, margin: float = 3) -> Array:
@@ -61,8 +66,8 @@ crops = st.builds(
 
 
 @given(crops, vectors(-50, 400, size=2))
-def test_to_image_inverts_to_crop(crop: Crop, p: Array) -> None:
-    np.testing.assert_allclose(crop.to_image(crop.to_crop(p)), p, atol=1e-9)
+def test_to_crop_is_an_affine_map_about_the_centre(crop: Crop, p: Array) -> None:
+    np.testing.assert_allclose(_to_image(crop, crop.to_crop(p)), p, atol=1e-9)
     np.testing.assert_allclose(crop.to_crop(np.array(crop.centre)), 0.5 * (crop.size - 1), atol=1e-9)
 
 

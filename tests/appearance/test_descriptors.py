@@ -11,7 +11,6 @@ import pytest
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import (
     LENGTH,
-    OPENCV_BLUR,
     ORIENTATIONS,
     describe,
     describe_with_jacobian,
@@ -23,6 +22,8 @@ from mien.synthetic import make_sequence, moved
 from small_motion import face
 
 CELLS = range(3, 9)
+OPENCV_BLUR = 1.52
+"""Standard deviation of the Gaussian, in pixels, with which OpenCV prepares an image for its first octave."""
 
 
 @cache

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mien.appearance.rendering import Texture
-from mien.appearance.texture import texture_from_frame, texture_of_vertices
+from mien.appearance.texture import texture_from_frame
 from mien.appearance.views import (
     CENTRE,
     crop_camera,
@@ -127,9 +127,8 @@ def test_a_large_frame_is_shrunk_before_it_is_drawn_small() -> None:
     fit, camera = portrait.fit, portrait.camera
     large = Frame(np.repeat(np.repeat(portrait.frame.pixels, 3, axis=0), 3, axis=1))
     wide = Camera(3 * camera.focal_px, 3 * camera.cx + 1, 3 * camera.cy + 1)
-    small = texture_from_frame(portrait.frame, fit, camera)
-    texture = texture_of_vertices(
-        large, fit.vertices() @ fit.R.T + fit.t, float(fit.t[2]), wide, camera.focal_px / float(fit.t[2]) * 0.99
-    )
+    pixels_per_unit = camera.focal_px / float(fit.t[2]) * 0.99
+    small = texture_from_frame(portrait.frame, fit, camera, pixels_per_unit)
+    texture = texture_from_frame(large, fit, wide, pixels_per_unit)
     np.testing.assert_allclose(texture.uv, small.uv, atol=1e-6)
     np.testing.assert_allclose(texture.image, small.image, atol=1)

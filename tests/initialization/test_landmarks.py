@@ -12,7 +12,7 @@ from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, SCHEMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, SCHEMES, VERTICES, Landmarks
 
 COUNTS = {"candide26": 26, "ibug68": 68, "mediapipe478": 478, "mediapipe468": 468}
 
@@ -102,7 +102,7 @@ def test_points_outside_the_image_are_refused(corner: tuple[float, float]) -> No
 
 
 def test_mirrored_landmarks_are_refused() -> None:
-    model: Array = Candide.default().mean[list(LANDMARK_VERTICES.values())]
+    model: Array = Candide.default().mean[VERTICES]
     for pan in np.radians([-80, -40, 0, 40, 80]):
         turned = model @ (FACING @ exp(np.array([0, pan, 0]))).T + [0, 0, 5]
         points, _ = Camera(280, 160, 120).project(turned)

@@ -11,11 +11,11 @@ from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
-from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.initialization.landmarks import VERTICES
 from mien.initialization.posit import posit
 from strategies import cameras, head_rotations, head_translations
 
-FACE = Candide.default().mean[list(LANDMARK_VERTICES.values())]
+FACE = Candide.default().mean[VERTICES]
 CAMERA = Camera(280, 159.5, 119.5)
 
 

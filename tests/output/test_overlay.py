@@ -15,7 +15,7 @@ from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
+from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES
 from mien.output.overlay import HIDDEN, SEEN, FaceOverlay, Mesh, OverlayWriter, Pixels, draw, draw_mesh, save_png
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
@@ -31,7 +31,7 @@ def _mesh() -> Mesh:
 
 
 def _estimate(visibility: Array | None = None) -> Estimate:
-    X = _mesh().vertices[list(LANDMARK_VERTICES.values())]
+    X = _mesh().vertices[VERTICES]
     landmarks = TrackedLandmarks(LANDMARK_NAMES, CAMERA.project(X)[0], X, visibility)
     return Estimate(4, 0.2, Status.TRACKED, R, T, np.zeros(6), landmarks=landmarks, confidence=0.8)
 

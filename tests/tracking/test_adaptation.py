@@ -12,7 +12,7 @@ import pytest
 from mien.arrays import Array
 from mien.config import RealtimeSettings
 from mien.frame import Frame
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
+from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.adaptation import Adaptation
 from mien.tracking.person import SPECTACLES, TRACKED
@@ -90,7 +90,7 @@ def _turning() -> SyntheticSequence:
 def _with_reflections() -> SyntheticSequence:
     """The same, with a bright spot on each eye, which runs over it as the head turns."""
     sequence, fit = _turning(), face().fit
-    vertices = fit.vertices()[list(LANDMARK_VERTICES.values())]
+    vertices = fit.vertices()[VERTICES]
     sides = ([i for i in EYES if side in LANDMARK_NAMES[i]] for side in ("right", "left"))
     centres = np.array([vertices[side].mean(axis=0) for side in sides])
     frames = []

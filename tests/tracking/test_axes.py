@@ -12,7 +12,7 @@ from long_motion import sequence
 from mien.arrays import Array
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import FACING, angle_between, exp, log, matrix_from_euler, ray_rotation
-from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.initialization.landmarks import LANDMARK_VERTICES, VERTICES
 from mien.output.track import Track
 from mien.tracking.axes import HeadAxes
 from mien.tracking.realtime import RealtimeTracker
@@ -22,7 +22,7 @@ from small_motion import face
 SETTINGS = RealtimeSettings()
 _FIRM_NAMES = [k for k, name in enumerate(LANDMARK_VERTICES) if "nose" in name or "eye_" in name]
 """Landmarks that are not drawn elsewhere by an expression or a blink."""
-_FIRM = np.array(list(LANDMARK_VERTICES.values()))[_FIRM_NAMES]
+_FIRM = np.array(VERTICES)[_FIRM_NAMES]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mien.arrays import Array
-from mien.tracking.optimizers import Simplex, Solution
+from mien.tracking.optimizers import Minimum, Simplex
 
 SD = np.array([0.1, 2.0, 0.5, 1.0])
 
@@ -33,7 +33,7 @@ def _quadratic() -> Quadratic:
     return Quadratic(np.array([0.05, -1.0, 0.4, 0.7]), (X @ X.T) / np.outer(SD, SD))
 
 
-def _minimized(seed: int = 0, evaluations: int = 2000) -> tuple[Solution, Quadratic]:
+def _minimized(seed: int = 0, evaluations: int = 2000) -> tuple[Minimum, Quadratic]:
     problem = _quadratic()
     return Simplex(SD, evaluations, np.random.default_rng(seed)).minimize(problem, np.zeros(4)), problem
 

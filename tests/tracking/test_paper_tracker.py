@@ -13,8 +13,8 @@ from mien.errors import MienError
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.synthetic import SyntheticSequence
+from mien.tracking.paper import PaperTracker, learn_views
 from mien.tracking.state import Estimate, Status
-from mien.tracking.tracker import PaperTracker, learn_views
 from small_motion import face, run, small_motion, turn_error_deg
 
 QUICK = PaperSettings(view_step_deg=30, simplex_evaluations=100)

@@ -20,9 +20,9 @@ from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
 from mien.synthetic import make_sequence, moved
 from mien.tracking import person
+from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
-from mien.tracking.tracker import PaperTracker
 from mien.video import open_video
 from small_motion import face, run, small_motion
 from videos import known_portrait, portrait_images, turn_by_metadata, write_video

@@ -8,7 +8,7 @@ import pytest
 from mien.arrays import Array
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import exp
-from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.initialization.landmarks import LANDMARK_VERTICES, VERTICES
 from mien.tracking.shape import ShapePosterior, prior_covariance, shape_information
 from small_motion import face
 
@@ -44,7 +44,7 @@ def test_shape_information_is_a_schur_complement() -> None:
 
 
 def _neutral() -> Array:
-    return np.asarray(face().fit.shape[list(LANDMARK_VERTICES.values())])
+    return np.asarray(face().fit.shape[VERTICES])
 
 
 def _rays() -> Array:

@@ -47,11 +47,6 @@ class Crop:
         """(..., 2) image pixels -> (..., 2) crop pixels."""
         return np.asarray(p @ self.linear.T + self.offset)
 
-    def to_image(self, q: Array) -> Array:
-        """(..., 2) crop pixels -> (..., 2) image pixels."""
-        inverse = np.linalg.inv(self.linear)
-        return np.asarray((q - 0.5 * (self.size - 1)) @ inverse.T + np.array(self.centre))
-
     def sample(self, frame: Frame, blur: float = 0.0) -> Float32:
         """Grey crop (size, size) float32 of a frame; beyond its border the border repeats.
 

@@ -28,8 +28,6 @@ from mien.compiled import kernel
 
 LENGTH = 128
 ORIENTATIONS = 8
-OPENCV_BLUR = 1.52
-"""Standard deviation of the Gaussian, in pixels, with which OpenCV prepares an image for its first octave."""
 
 
 def orientation_maps(gray: Float32, cell: int, angle: float = 0.0) -> Float32:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.arrays import Array, Float32, Mask
+from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.geometry.camera import Camera
 
@@ -27,11 +27,6 @@ class Rendering:
 
     image: Float32
     depth: Float32
-
-    @property
-    def mask(self) -> Mask:
-        """(H, W): whether the mesh covers a pixel."""
-        return np.isfinite(self.depth)
 
 
 def render(

@@ -12,13 +12,13 @@ from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
 
 
-def texture_from_frame(frame: Frame, fit: FirstFrame, camera: Camera, pixels_per_unit: float | None = None) -> Texture:
+def texture_from_frame(frame: Frame, fit: FirstFrame, camera: Camera, pixels_per_unit: float) -> Texture:
     """Grey texture of the fitted CANDIDE."""
     return texture_of_vertices(frame, fit.vertices() @ fit.R.T + fit.t, float(fit.t[2]), camera, pixels_per_unit)
 
 
 def texture_of_vertices(
-    frame: Frame, vertices: Array, distance: float, camera: Camera, pixels_per_unit: float | None = None
+    frame: Frame, vertices: Array, distance: float, camera: Camera, pixels_per_unit: float
 ) -> Texture:
     """Grey texture of a mesh (V, 3) in camera axes, at a distance, on the frame that shows it.
 
@@ -27,10 +27,9 @@ def texture_of_vertices(
     """
     uv, _ = camera.project(vertices)
     pixels = frame.gray
-    if pixels_per_unit is not None:
-        factor = int(camera.focal_px / distance / pixels_per_unit)
-        if factor >= 2:
-            size = (pixels.shape[1] // factor, pixels.shape[0] // factor)
-            pixels = cv2.resize(pixels[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)
-            uv = (uv + 0.5) / factor - 0.5
+    factor = int(camera.focal_px / distance / pixels_per_unit)
+    if factor >= 2:
+        size = (pixels.shape[1] // factor, pixels.shape[0] // factor)
+        pixels = cv2.resize(pixels[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)
+        uv = (uv + 0.5) / factor - 0.5
     return Texture(np.atleast_3d(pixels).astype(np.float32), uv)

@@ -17,12 +17,11 @@ from mien.errors import require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.likelihood import LandmarkModel
+from mien.tracking.paper import CROP_SIZE_UNITS, in_view
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
-from mien.tracking.tracker import CROP_SIZE_UNITS, in_view
 
-VERTICES = list(LANDMARK_VERTICES.values())
 PIXELS_PER_UNIT = 64.0
 """Size of a CANDIDE unit in the trackers' crops, in pixels."""
 CROP_SIZE = round(CROP_SIZE_UNITS * PIXELS_PER_UNIT)
@@ -58,7 +57,7 @@ class CandideTracker(ABC):
         landmarks.check(frame.width, frame.height)
         self.camera = camera
         self.fit = fit_first_frame(landmarks, camera)
-        self.landmarks = LandmarkModel(self.fit.shape[VERTICES], self.fit.model.animation_units[:, VERTICES])
+        self.landmarks = LandmarkModel.of_first_frame(self.fit)
         self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
         self._was_lost = False
         self._learn(frame)
@@ -82,9 +81,7 @@ class CandideTracker(ABC):
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes for an estimate of this tracker, None if the face is lost."""
-        if estimate.rotation is None or estimate.translation is None:
-            return None
-        return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+        return self.fit.mesh(estimate.rotation, estimate.translation, estimate.animation)
 
     @abstractmethod
     def _learn(self, frame: Frame) -> None:

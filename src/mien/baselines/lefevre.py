@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from mien.appearance.crop import Crop
 from mien.appearance.views import view_rotations
 from mien.arrays import Array, Float32, Mask
-from mien.baselines.candide_tracker import BLUR, VERTICES, CandideTracker, SearchResult, face_crop, views_of_first_frame
+from mien.baselines.candide_tracker import BLUR, CandideTracker, SearchResult, face_crop, views_of_first_frame
 from mien.baselines.chen import PatchStatistics
 from mien.baselines.patches import read_patches, sample
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import VERTICES
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import GaussianPrior, state_sd

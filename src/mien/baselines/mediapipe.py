@@ -91,12 +91,11 @@ class MediaPipeTracker:
 
 def solve_pnp(shape: Array, pixels: Array, camera: Camera, R: Array, t: Array) -> tuple[Array, Array]:
     """Pose of a rigid shape (n, 3) seen at pixels (n, 2), by Levenberg-Marquardt from the pose R, t."""
-    K = np.array([[camera.focal_px, 0, camera.cx], [0, camera.focal_px, camera.cy], [0, 0, 1]])
     # OpenCV writes its result into the starting values.
     _, rotation, translation = cv2.solvePnP(
         shape,
         np.ascontiguousarray(pixels),
-        K,
+        camera.matrix,
         None,
         log(R)[:, None],
         t[:, None].copy(),

@@ -12,7 +12,7 @@ from mien.baselines.surface import GRAZING, Pose, Surface
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES
+from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 OUT_OF_SIGHT = "the face left the image or turned away"
@@ -68,7 +68,7 @@ class RigidHead:
 
     def estimate(self, frame: Frame, status: Status, pose: Pose) -> Estimate:
         """The estimate with pose and rigid landmarks; these trackers estimate neither animation nor uncertainty."""
-        X = self.fit.vertices()[list(LANDMARK_VERTICES.values())] @ pose.R.T + pose.t
+        X = self.fit.vertices()[VERTICES] @ pose.R.T + pose.t
         image, _ = self.camera.project(X)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X)
         return Estimate(

@@ -25,7 +25,6 @@ from mien.appearance.views import rotation, tilt_pan_of
 from mien.arrays import Array, Float32
 from mien.baselines.candide_tracker import (
     BLUR,
-    VERTICES,
     CandideTracker,
     SearchResult,
     face_crop,
@@ -36,6 +35,7 @@ from mien.baselines.patches import read_patches
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, hat, log
+from mien.initialization.landmarks import VERTICES
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.state import unpack
 

@@ -25,7 +25,6 @@ from mien.appearance.views import rotation
 from mien.arrays import Array, Float32
 from mien.baselines.candide_tracker import (
     BLUR,
-    VERTICES,
     CandideTracker,
     SearchResult,
     face_crop,
@@ -35,6 +34,7 @@ from mien.baselines.candide_tracker import (
 from mien.baselines.patches import read_patches
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.initialization.landmarks import VERTICES
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd

@@ -31,11 +31,12 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """With one thread, parallel processes do not compete for cores, sums are always in the same order, and speeds are those
 of one core. MediaPipe ignores this and starts its own threads."""
 
-NOT_USED_BY_TRACKERS = (
+NOT_USED = (
     "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py", "pipeline.py",
     "processes.py", "synthetic.py",
 )  # fmt: skip
-"""Parts of mien on which tracks do not depend."""
+"""Parts of mien on which results do not depend, apart from `DATASETS`."""
+DATASETS = ("evaluation", "datasets")
 
 
 def run_plan(
@@ -144,10 +145,11 @@ def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
 
 @cache
 def code_checksum() -> str:
-    """SHA-256 of the parts of mien on which tracks depend."""
+    """SHA-256 of the parts of mien on which results depend: the trackers, and what reads a sequence and its truth."""
     root = Path(mien.__file__).parent
     files = (p for p in sorted(root.rglob("*")) if p.is_file() and p.suffix not in (".pyc", ".nbi", ".nbc"))
-    used = [p for p in files if p.relative_to(root).parts[0] not in NOT_USED_BY_TRACKERS]
+    parts = {p: p.relative_to(root).parts for p in files}
+    used = [p for p, at in parts.items() if at[0] not in NOT_USED or at[:2] == DATASETS]
     return _digest([f"{p.relative_to(root)} {_checksum(p)}" for p in used])
 
 

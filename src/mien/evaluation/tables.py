@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,9 +73,7 @@ def published_and_measured(scores: Scores) -> Table | None:
         rows += [(name, "published: BUFT, 45 sequences", NONE, *cells) for name, *cells in REBASED_REFERENCES]
     rows += [
         (t, f"measured here: {scores.evaluation.dataset} {k}, {_sequences(chosen)}", *_table_1_cells(scores, chosen))
-        for t in scores.trackers
-        for k in scores.kinds
-        if (chosen := scores.with_pose(t, k))
+        for t, k, chosen in _by_kind(scores, _has_pose)
     ]
     threshold = f"P_s counts frames whose e_i is at most ({scores.evaluation.lost_deg:g} degrees)². "
     of_paper = "E is over these frames. " if scores.protocol is Protocol.PAPER else "E is over all frames. "
@@ -108,16 +106,13 @@ def by_kind(scores: Scores) -> Table:
 def angles_by_kind(scores: Scores) -> Table:
     """Errors of each angle, lost frames and P_s, for each kind."""
     rows = []
-    for tracker in scores.trackers:
-        for kind in scores.kinds:
-            chosen = scores.with_pose(tracker, kind)
-            if chosen:
-                tilt, pan, roll = pooled_errors(chosen)
-                lost, frames = sum(s.lost for s in chosen), sum(s.frames for s in chosen)
-                p_s = success_rate(chosen, scores.evaluation.lost_deg)
-                aligned = float(aligned_errors(chosen).mean()) if scores.protocol.in_head_axes else math.nan
-                cells = [_number(v) for v in (tilt, pan, roll, (tilt + pan + roll) / 3, aligned)]
-                rows.append((tracker, kind, str(len(chosen)), f"{lost} of {frames}", _percent(p_s), *cells))
+    for tracker, kind, chosen in _by_kind(scores, _has_pose):
+        tilt, pan, roll = pooled_errors(chosen)
+        lost, frames = sum(s.lost for s in chosen), sum(s.frames for s in chosen)
+        p_s = success_rate(chosen, scores.evaluation.lost_deg)
+        aligned = float(aligned_errors(chosen).mean()) if scores.protocol.in_head_axes else math.nan
+        cells = [_number(v) for v in (tilt, pan, roll, (tilt + pan + roll) / 3, aligned)]
+        rows.append((tracker, kind, str(len(chosen)), f"{lost} of {frames}", _percent(p_s), *cells))
     angles = ("tilt (°)", "pan (°)", "roll (°)", "mean (°)", "axes aligned (°)")
     return Table(
         "angles",
@@ -133,14 +128,11 @@ def angles_by_kind(scores: Scores) -> Table:
 def landmarks(scores: Scores) -> Table:
     """RMS error of the twelve points."""
     rows = []
-    for tracker in scores.trackers:
-        for kind in scores.kinds:
-            chosen = [s for s in scores.for_tracker(tracker, kind) if s.points is not None]
-            if chosen:
-                raw = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_px)))
-                free = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_without_offset_px)))
-                share = pooled(chosen, lambda s: _array(s.frame_rms_px) / s.eye_distance_px)
-                rows.append((tracker, kind, _number(raw), _number(free), _percent(metrics.root_mean_square(share))))
+    for tracker, kind, chosen in _by_kind(scores, lambda s: s.points is not None):
+        raw = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_px)))
+        free = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_without_offset_px)))
+        share = pooled(chosen, lambda s: _array(s.frame_rms_px) / s.eye_distance_px)
+        rows.append((tracker, kind, _number(raw), _number(free), _percent(metrics.root_mean_square(share))))
     return Table(
         "landmarks",
         "Landmarks: RMS of the twelve points of Fig. 3",
@@ -155,13 +147,10 @@ def landmarks(scores: Scores) -> Table:
 def animation(scores: Scores) -> Table:
     """Correlation of each animation unit with its counterpart, for each kind of sequence."""
     rows = []
-    for tracker in scores.trackers:
-        for kind in scores.kinds:
-            chosen = [s for s in scores.for_tracker(tracker, kind) if s.expression_moves]
-            values = np.array([s.unit_correlations for s in chosen])
-            if len(chosen) and np.isfinite(values).any():
-                cells = [_number(_mean(values[:, i])) for i in range(len(EXPRESSION_NAMES))]
-                rows.append((tracker, kind, *cells))
+    for tracker, kind, chosen in _by_kind(scores, lambda s: bool(s.expression_moves)):
+        values = np.array([s.unit_correlations for s in chosen])
+        if np.isfinite(values).any():
+            rows.append((tracker, kind, *(_number(_mean(unit)) for unit in values.T)))
     return Table(
         "animation",
         "Animation: correlation with the truth",
@@ -176,13 +165,11 @@ def animation(scores: Scores) -> Table:
 def false_movements(scores: Scores) -> Table:
     """Largest movement of each animation unit in sequences without expression."""
     rows = []
-    for tracker in scores.trackers:
-        for kind in scores.kinds:
-            chosen = [s for s in scores.for_tracker(tracker, kind) if s.expression_moves is False]
-            values = np.array([s.false_movement for s in chosen])
-            if len(chosen) and np.isfinite(values).any():
-                largest = np.where(np.isnan(values), -np.inf, values).max(axis=0)
-                rows.append((tracker, kind, *(_number(v) for v in largest)))
+    for tracker, kind, chosen in _by_kind(scores, lambda s: s.expression_moves is False):
+        values = np.array([s.false_movement for s in chosen])
+        if np.isfinite(values).any():
+            largest = np.where(np.isnan(values), -np.inf, values).max(axis=0)
+            rows.append((tracker, kind, *(_number(v) for v in largest)))
     return Table(
         "false-movement",
         "Animation: false movement under pose alone",
@@ -194,12 +181,8 @@ def false_movements(scores: Scores) -> Table:
 
 def calibration(scores: Scores) -> Table:
     """Coverage of the intervals, normalised squared error, and calibration error of the confidence."""
-    rows = []
-    for tracker in scores.trackers:
-        for kind in scores.kinds:
-            chosen = scores.with_pose(tracker, kind)
-            if chosen:
-                rows.append((tracker, kind, *_calibration_cells(chosen)))
+    by_kind = _by_kind(scores, _has_pose)
+    rows = [(tracker, kind, *_calibration_cells(chosen)) for tracker, kind, chosen in by_kind]
     levels = tuple(f"{level:.0%} interval (%)" for level in metrics.COVERAGE_LEVELS)
     angles = tuple(f"{metrics.ANGLE_LEVEL:.0%} of {angle} (%)" for angle in ("tilt", "pan", "roll"))
     return Table(
@@ -327,6 +310,19 @@ def coverage_of_buft(scores: Scores) -> str:
     if not absent:
         return "All 45 sequences of the uniform-light set are present."
     return f"Of the 45 sequences of the uniform-light set {len(present)} are present: {', '.join(present) or 'none'}."
+
+
+def _by_kind(scores: Scores, wanted: Callable[[Score], bool]) -> Iterator[tuple[str, str, list[Score]]]:
+    """Each tracker with each kind of sequence, and the scores that are wanted of these, where there are any."""
+    for tracker in scores.trackers:
+        for kind in scores.kinds:
+            chosen = [s for s in scores.for_tracker(tracker, kind) if wanted(s)]
+            if chosen:
+                yield tracker, kind, chosen
+
+
+def _has_pose(score: Score) -> bool:
+    return score.comparison is not None
 
 
 def _done(scores: Scores, tracker: str) -> str:

@@ -50,6 +50,11 @@ class Camera:
         """(3,) focal length and principal point, the format of the kernels."""
         return np.array([self.focal_px, self.cx, self.cy], dtype=float)
 
+    @property
+    def matrix(self) -> Array:
+        """(3, 3) from points in camera axes to homogeneous pixels."""
+        return np.array([[self.focal_px, 0.0, self.cx], [0.0, self.focal_px, self.cy], [0.0, 0.0, 1.0]])
+
     def project(self, X: Array) -> tuple[Array, NDArrayBool]:
         """Project points to the image, with a mask of those in front of the camera.
 

@@ -71,6 +71,11 @@ class FirstFrame:
         a = self.animation if animation is None else animation
         return np.asarray(self.shape + np.tensordot(a, self.model.animation_units, axes=1))
 
+    def mesh(self, R: Array | None, t: Array | None, animation: Array | None) -> Array | None:
+        """Vertices (V, 3) in camera axes at a pose; None without one. An unknown animation is that of the first
+        frame."""
+        return None if R is None or t is None else np.asarray(self.vertices(animation) @ R.T + t)
+
 
 def tracked_model(model: Candide) -> tuple[Candide, ShapePrior]:
     """The model with the six animation units of the state, upright, and its shape prior."""

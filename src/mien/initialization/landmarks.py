@@ -50,6 +50,8 @@ LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
 """The 26 landmarks, by name, and their vertices: corners and edges where a gradient histogram responds to
 displacement, on every part of the face that the six animation units move. `docs/method.md` gives the reasons."""
 LANDMARK_NAMES = tuple(LANDMARK_VERTICES)
+VERTICES = list(LANDMARK_VERTICES.values())
+"""The vertices alone, as an index into all."""
 
 # Point of the annotation, or two whose midpoint it is -> vertex of CANDIDE, for points with the same meaning in both.
 _Pairs = Mapping[int | tuple[int, int], int]
@@ -72,7 +74,7 @@ _MEDIAPIPE: _Pairs = {
     61: 64, 37: 66, 0: 7, 267: 33, 291: 31, 17: 8,  # outer lips
     78: 89, 13: 87, 308: 88, 14: 40,  # inner lips
 }  # fmt: skip
-_CANDIDE26: _Pairs = {i: v for i, v in enumerate(LANDMARK_VERTICES.values())}
+_CANDIDE26: _Pairs = {i: v for i, v in enumerate(VERTICES)}
 _SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "candide26": (26, _CANDIDE26),
     "ibug68": (68, _IBUG68),

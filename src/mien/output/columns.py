@@ -168,7 +168,8 @@ def mark_lost(table: pa.Table, reason: pa.Array) -> pa.Table:
 
 
 def rotate_rows(table: pa.Table, R: Array) -> pa.Table:
-    """The table with every rotation multiplied from the left by R (3, 3), in camera axes."""
+    """The table with every rotation multiplied from the left by R (3, 3), in camera axes, a rotation of a few degrees:
+    standard deviations stay as they are."""
     angles = np.stack([table.column(name).to_numpy() for name in ROTATION], axis=1)
     known = ~np.isnan(angles).any(axis=1)
     turned = R @ matrix_from_euler(angles[known])

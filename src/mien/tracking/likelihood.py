@@ -11,6 +11,8 @@ from mien.appearance.crop import Crop
 from mien.appearance.gaussian import Gaussians
 from mien.arrays import Array, Float32
 from mien.geometry.camera import Camera
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import VERTICES
 from mien.tracking.state import unpack
 
 
@@ -20,6 +22,11 @@ class LandmarkModel:
 
     neutral: Array
     animation_units: Array
+
+    @classmethod
+    def of_first_frame(cls, fit: FirstFrame) -> LandmarkModel:
+        """The 26 landmarks of the face that was fitted to the first frame."""
+        return cls(fit.shape[VERTICES], fit.model.animation_units[:, VERTICES])
 
     def in_camera(self, b: Array) -> Array:
         """Eq. (1): landmarks (n, 3) in camera axes for a state b."""

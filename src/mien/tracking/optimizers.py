@@ -20,7 +20,7 @@ class Energy(Protocol):
 
 
 @dataclass(frozen=True)
-class Solution:
+class Minimum:
     """Where a minimiser stopped: state (d,), its energy, how often the energy was evaluated."""
 
     b: Array
@@ -39,7 +39,7 @@ class Simplex:
     evaluations: int
     rng: np.random.Generator
 
-    def minimize(self, problem: Energy, start: Array) -> Solution:
+    def minimize(self, problem: Energy, start: Array) -> Minimum:
         """The lowest point found within the evaluations that are allowed."""
         points = start + self.sd * self.rng.standard_normal((len(start) + 1, len(start)))
         points[0] = start
@@ -56,7 +56,7 @@ class Simplex:
                 "adaptive": True,
             },
         )
-        return Solution(start + self.sd * result.x, float(result.fun), int(result.nfev))
+        return Minimum(start + self.sd * result.x, float(result.fun), int(result.nfev))
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class LevenbergMarquardt:
     iterations: int
     tolerance: float
 
-    def minimize(self, problem: PosePosterior, start: Array) -> Solution:
+    def minimize(self, problem: PosePosterior, start: Array) -> Minimum:
         """The lowest point found within the iterations that are allowed."""
         R, t, a, energy, *_, evaluations = problem.solve(*unpack(start), self.iterations, self.tolerance)
-        return Solution(pack(R, t, a), float(energy), int(evaluations))
+        return Minimum(pack(R, t, a), float(energy), int(evaluations))

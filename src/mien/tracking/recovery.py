@@ -150,11 +150,10 @@ def find_by_detector(
 
 def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> tuple[int, Array, Array] | None:
     """Inliers, R and t of points X (n, 3) in head axes seen at p (n, 2)."""
-    K = np.array([[camera.focal_px, 0, camera.cx], [0, camera.focal_px, camera.cy], [0, 0, 1]])
     cv2.setRNGSeed(0)
     try:
         ok, r, t, inliers = cv2.solvePnPRansac(
-            np.ascontiguousarray(X), np.ascontiguousarray(p), K, None,
+            np.ascontiguousarray(X), np.ascontiguousarray(p), camera.matrix, None,
             iterationsCount=300, reprojectionError=float(tolerance_px), flags=cv2.SOLVEPNP_SQPNP,
         )  # fmt: skip
     except cv2.error:  # it refuses points that nearly coincide

@@ -16,14 +16,13 @@ from mien.config import DescriptorSettings, PaperSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES, Landmarks
 from mien.tracking.likelihood import AppearanceLikelihood, LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.posterior import Posterior
 from mien.tracking.prior import GaussianPrior, state_sd
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
 
-VERTICES = list(LANDMARK_VERTICES.values())
 CROP_SIZE_UNITS = 2.4
 """Side of the crop in CANDIDE units: the landmarks, their patches, and room for them to move."""
 
@@ -62,7 +61,7 @@ class PaperTracker:
         landmarks.check(frame.width, frame.height)
         self.camera = camera
         self.fit = fit_first_frame(landmarks, camera, self.model)
-        self.landmarks = LandmarkModel(self.fit.shape[VERTICES], self.fit.model.animation_units[:, VERTICES])
+        self.landmarks = LandmarkModel.of_first_frame(self.fit)
         self.scale_distance = float(self.fit.t[2])
         samples = learn_views(frame, self.fit, camera, s)
         self.gaussians = Gaussians.learn(samples, s.eigenvalue_floor)
@@ -88,9 +87,7 @@ class PaperTracker:
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
-        if estimate.rotation is None or estimate.translation is None:
-            return None
-        return np.asarray(self.fit.vertices(estimate.animation) @ estimate.rotation.T + estimate.translation)
+        return self.fit.mesh(estimate.rotation, estimate.translation, estimate.animation)
 
     def _likelihood(self, frame: Frame) -> AppearanceLikelihood:
         R, t, _ = unpack(self.b)
