@@ -19,6 +19,7 @@ from mien.tracking.uncertainty import (
     RELIEF_SCALE,
     TRANSLATION_SCALE,
     TURNED_SCALE,
+    UNIT_SCALE,
     Reference,
     confidence,
     state_covariance,
@@ -33,6 +34,7 @@ SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
 ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
+STILL = np.zeros(6)
 FAMILIAR = familiarity(PERFECT, FACING, FACING)
 AXES_SD = np.radians([2.0, 1.3, 0.7])
 SCALED_AXES = AXES_SD * AXES_SCALE
@@ -41,29 +43,38 @@ FIRST = Reference(FACING, AHEAD, AXES_SD)
 
 
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, FIRST, RELIEF_SD), NOISE + ACROSS)
+    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD), NOISE + ACROSS)
 
 
 def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
     R = rotation(0, 0.5, 0)
-    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, FIRST, RELIEF_SD)
-    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, FIRST, RELIEF_SD)
+    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, STILL, FIRST, RELIEF_SD)
+    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, STILL, FIRST, RELIEF_SD)
     np.testing.assert_allclose(misfit - perfect, NOISE, atol=1e-15)
 
 
 def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
-    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, FIRST, RELIEF_SD)
-    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, FIRST, RELIEF_SD)
+    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, STILL, FIRST, RELIEF_SD)
+    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD)
     np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
-    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, FIRST, RELIEF_SD)).all()
+    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, STILL, FIRST, RELIEF_SD)).all()
+
+
+def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() -> None:
+    """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before."""
+    moved = np.array([0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
+    still = state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD)
+    expression = state_covariance(SPREAD, PERFECT, 1.0, FACING, moved, FIRST, RELIEF_SD)
+    of_brows = np.array([0, 0, 0, 1, 0, 1]) * (0.5 * UNIT_SCALE) ** 2
+    np.testing.assert_allclose(expression - still, np.diag([0.0] * 6 + of_brows.tolist()), atol=1e-15)
 
 
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
     first = Reference(R_first, AHEAD, AXES_SD)
-    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, first, RELIEF_SD)
+    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, STILL, first, RELIEF_SD)
     assert np.linalg.eigvalsh(covariance - NOISE).min() > -1e-12
-    there = state_covariance(SPREAD, PERFECT, 1.0, R_first, first, RELIEF_SD)
+    there = state_covariance(SPREAD, PERFECT, 1.0, R_first, STILL, first, RELIEF_SD)
     across = ACROSS_TURNED_SD**2 * (1 - (R[:, 2] @ R_first[:, 2]) ** 2)
     turned = np.diag([across, across, 0.0] + [0.0] * 6)
     np.testing.assert_allclose(covariance[3:, 3:], there[3:, 3:] + turned, atol=1e-15)

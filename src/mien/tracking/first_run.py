@@ -91,7 +91,7 @@ _IN_FOREGROUND: tuple[Kernel, ...] = (
     (kernels.student_information, (*[_array(1)] * 3, types.float64)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), *_POSE, _array(2, types.int64), _POINT, _array(1))),
     (person._update_average, (_array(2), types.int64, _array(1), _SEEN, types.float64, types.float64)),
-    (uncertainty._total_covariance, (types.float64, _array(2), types.float64, _array(2))),
+    (uncertainty._total_covariance, (types.float64, _array(2), types.float64, _array(2), _array(1))),
 )  # fmt: skip
 """What this process compiles meanwhile, once it has learned the face; the remaining kernels compile quickly."""
 

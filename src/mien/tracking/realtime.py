@@ -328,8 +328,9 @@ class RealtimeTracker:
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
         share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
+        moved = self.pose.animation - self.prior.rest
         covariance = state_covariance(
-            solution.step_covariance, solution.d2[seen], share, self.pose.R, self.axes.first, relief_sd, learned
+            solution.step_covariance, solution.d2[seen], share, self.pose.R, moved, self.axes.first, relief_sd, learned
         )
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(

@@ -3,9 +3,10 @@
 The inverse of the Gauss-Newton matrix at the optimum covers the noise of one frame, which grows where landmarks fit
 worse. It does not cover what is wrong in the same way in every frame. With a wrong relief every turn away from the
 first frame's view is too large or too small by a share of it, less so the more turns have taught the shape. With wrong
-head axes, which the first frame shows to a few degrees only, the error of a rotation grows with the turn, too. All are
-scaled to the errors measured on rendered sequences with exact truth; docs/benchmark.md has the coverage and the
-reliability that result, and the commands.
+head axes, which the first frame shows to a few degrees only, the error of a rotation grows with the turn, too. As no
+face moves exactly as the animation units do, their error grows with the expression. All are scaled to the errors
+measured on rendered sequences with exact truth; docs/benchmark.md has the coverage and the reliability that result, and
+the commands.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from mien.arrays import Array, Mask
+from mien.candide.model import TRACKED_UNITS
 from mien.compiled import kernel
 from mien.geometry.rotation import ray_rotation
 from mien.tracking.identity import logistic
@@ -40,7 +42,12 @@ what is wrong with the features of a face that turns far grows likewise, and rol
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond that of the rotation; and, in CANDIDE units, the standard
 deviation of its constant error across the view, and of the error that a wrong relief adds, by the sine of the turn."""
+UNIT_SCALE = np.array([0.65, 0.35, 0.3, 0.45, 0.15, 0.55])
+"""Standard deviation of the error of each unit in an expression, as a share of how far the mouth, or for their two
+units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
+far."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
+_OF_MOUTH = np.array(["brow" not in unit for unit in TRACKED_UNITS])
 _LEAST_SEEN = 0.04
 """Share of a single landmark, taken where none is seen."""
 _CONFIDENCE = (-7.5, -1.8)
@@ -80,23 +87,31 @@ class Reference:
 
 
 def state_covariance(
-    spread: Array, d2: Array, seen: float, R: Array, first: Reference, relief_sd: float, learned: float = 0.0
+    spread: Array,
+    d2: Array,
+    seen: float,
+    R: Array,
+    moved: Array,
+    first: Reference,
+    relief_sd: float,
+    learned: float = 0,
 ) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
-    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3); w, in camera axes, is the
-    error that the rotation has beyond that of the first frame's, and t has the unit of length of the fitted face.
-    relief_sd, learned: see `systematic_covariance`."""
+    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3), with units that have moved by
+    `moved` (6,) since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first
+    frame's, a likewise, and t has the unit of length of the fitted face. relief_sd, learned: see
+    `systematic_covariance`."""
     across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * turn_squared(R, first.R)
     covariance: Array = _total_covariance(
-        frame_variance(d2, seen), spread, across, systematic_covariance(R, first, relief_sd, learned)
+        frame_variance(d2, seen), spread, across, systematic_covariance(R, first, relief_sd, learned), moved
     )
     return covariance
 
 
 @kernel()
-def _total_covariance(variance: float, spread: Any, across: float, systematic: Any) -> Any:
-    """Covariance (12, 12): a frame's own, with the scale of the translation, and the constant errors: of the
-    translation, per axis across the view, and of the rotation (3, 3)."""
+def _total_covariance(variance: float, spread: Any, across: float, systematic: Any, moved: Any) -> Any:
+    """Covariance (12, 12): a frame's own, with the scale of the translation, and the systematic errors: of the
+    translation, per axis across the view, of the rotation (3, 3), and of units that have moved by `moved` (6,)."""
     out = np.empty(spread.shape)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -106,6 +121,10 @@ def _total_covariance(variance: float, spread: Any, across: float, systematic: A
             out[i, j] += systematic[i, j]
     out[3, 3] += across
     out[4, 4] += across
+    for k in range(6):
+        for j in range(6):
+            if _OF_MOUTH[j] == _OF_MOUTH[k]:
+                out[6 + k, 6 + k] += (UNIT_SCALE[k] * moved[j]) ** 2
     return out
 
 
