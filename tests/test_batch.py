@@ -138,6 +138,7 @@ def test_odd_names_do_not_end_a_batch(videos: Path, code: dict[str, str], tmp_pa
     found = {row.video.name for row in track_all([videos], out)}
     assert {"a.mp4", strange.name, "loop.mp4"} <= found
     assert "takes.mp4" not in found
+    assert "lat\\udce9in.mp4" in (out / "summary.csv").read_text(encoding="utf-8")
     (videos / "loop.mp4").unlink()
     assert {row.state for row in track_all([videos], out)} == {"kept"}
 
@@ -268,6 +269,56 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
         BatchOptions(at_once=True),
     ):
         assert _states(track_all([videos / "sub"], out / "sub", options)) == ["tracked"] * 2
+
+
+def test_videos_that_exchange_their_names_are_tracked_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    """They have the same size, and are older than their tables."""
+    out = tmp_path / "out"
+    track_all([videos], out)
+    for file in out.rglob("*.json"):
+        file.write_text(json.dumps({**json.loads(file.read_text()), "video": {"bytes": 0, "sha256": "another"}}))
+    place = videos / "place.mp4"
+    (videos / "a.mp4").rename(place)
+    place.rename(videos / "a.mp4")
+    assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]
+    assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
+
+
+def test_a_tracker_of_your_own_that_has_changed_is_used(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    own, out = tmp_path / "changing_tracker.py", tmp_path / "out"
+    own.write_text("class Own:\n    initialize = track = None.__init__\n")
+    options = BatchOptions(preset="changing_tracker:Own")
+    done = Track.read(tmp_path / "done.csv")
+    Track(done.table, {**done.metadata, "preset": options.preset}).save(tmp_path / "done.csv")
+    track_all([videos], out, options)
+    assert _states(track_all([videos], out, options)) == ["kept"] * 3
+    os.utime(own, (time.time() + 10, time.time() + 10))
+    assert _states(track_all([videos], out, options)) == ["tracked"] * 3
+
+
+def test_files_of_an_earlier_run_are_noted(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    track_all([videos], out)
+    (out / "a.png").write_bytes(b"")
+    for file in out.rglob("*.*"):
+        os.utime(file, (0, 0))
+    code["b.avi"] = ALAS
+    rows = track_all([videos], out, BatchOptions(again=True))
+    assert [row.note for row in rows] == ["a.png is from an earlier run", "alas b.csv is from an earlier run", ""]
+
+
+def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "d.mp4").write_bytes(b"")
+    for name, target in (("far", elsewhere), ("far2", elsewhere), ("again", videos / "sub"), ("up", tmp_path)):
+        (videos / name).symlink_to(target)
+    (elsewhere / "back").symlink_to(videos)
+    found = [str(table.relative_to(tmp_path / "out")) for _, table in find_videos([videos], tmp_path / "out")]
+    assert found == ["a.csv", "far/d.csv", "sub/b.csv", "sub/c.csv"]
 
 
 def test_settings_that_have_changed_are_used(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

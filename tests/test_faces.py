@@ -174,6 +174,8 @@ def test_an_appearance_is_what_is_seen_again_in_its_place() -> None:
     looks = [[face[0]], [face[1], flash], [], [other[0], face[2]], [other[1]], [late[0]], [late[1]]]
     assert _appearances(looks) == [list(face), list(other), list(late)]
     assert _appearances([[flash]]) == [[flash]]  # of a video too short for two looks
+    shots = [[replace(flash, index=10 * k, time=0.5 * k, cuts=k)] for k in range(3)]
+    assert _appearances(shots) == shots  # each of which is over before the next look
     assert not _seen(0, 100).is_at(_seen(0, 100, 100.0))
     assert not replace(_seen(5, 100), cuts=1).follows(_seen(0, 100))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -269,6 +270,25 @@ def test_stopped_on_the_way_back_the_rows_are_kept(
     kept = mien.Track.read(tmp_path / "out")
     assert kept.index.tolist() == [1, 2]
     assert not kept.metadata["complete"]
+
+
+def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    @contextmanager
+    def drawing(path: Path | None, this: pipeline.Pass) -> Iterator[Callable[[Frame, Estimate, Any], None]]:
+        def draw(frame: Frame, estimate: Estimate, tracker: Any) -> None:
+            if frame.index == 1:
+                raise KeyboardInterrupt
+
+        yield draw
+
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Diary([]))
+    monkeypatch.setattr(pipeline, "drawing", drawing)
+    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=marks, save=tmp_path / "out")
+    assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
 
 
 class WiserTracker(StillTracker):

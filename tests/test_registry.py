@@ -13,9 +13,11 @@ import pytest
 import mien
 from mien.config import PaperSettings, RealtimeSettings, Settings
 from mien.errors import MienError
-from mien.registry import create_tracker, file_of
+from mien.frame import Frame
+from mien.registry import checked, create_tracker, file_of
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Estimate
 from videos import known_portrait, portrait_images, write_video
 
 
@@ -90,6 +92,14 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
         create_tracker("own_trackers_here:Half")
     with pytest.raises(MienError, match="unknown tracker 'not_there_at_all:Whole'"):
         create_tracker("not_there_at_all:Whole")
+
+
+def test_an_estimate_belongs_to_its_frame() -> None:
+    frame = Frame(np.zeros((8, 8, 3), np.uint8), 3, 0.12)
+    estimate = Estimate.lost(frame, "behind a hand")
+    assert checked(estimate, PaperTracker(), frame) is estimate
+    with pytest.raises(MienError, match=r"PaperTracker returned the estimate of frame 3 for frame 4"):
+        checked(estimate, PaperTracker(), Frame(frame.pixels, 4, 0.16))
 
 
 @pytest.mark.parametrize("settings", [PaperSettings, RealtimeSettings])

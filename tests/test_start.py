@@ -19,6 +19,7 @@ from mien.frame import Frame
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
+from mien.tracking.state import Status
 from mien.video import open_video
 from small_motion import face
 from videos import write_video
@@ -148,15 +149,26 @@ def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
     assert begin.since == begin.first.time
     assert len(list(begin.frames)) == len(PANS_DEG) - index
     assert camera.shown == len(PANS_DEG)
+    assert [(e.index, e.status) for e in begin.passed] == [(k, Status.LOST) for k in range(index)]
 
 
 def test_a_face_that_was_away_is_waited_for_anew(
     detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(start, "_PATIENCE", 0.15)
+    monkeypatch.setattr(start, "_GONE_SECONDS", 1 / FPS)
+    detector.update((3, 4))
+    patience = start.Patience(face().camera)
+    assert [bool(patience(frame)) for frame in turning.frames[:10]] == [False] * 9 + [True]
+
+
+def test_a_face_that_was_missed_once_is_not_waited_for_anew(
+    detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(start, "_PATIENCE", 0.15)
     detector.add(3)
     patience = start.Patience(face().camera)
-    assert [bool(patience(frame)) for frame in turning.frames[:9]] == [False] * 8 + [True]
+    assert [bool(patience(frame)) for frame in turning.frames[:5]] == [False] * 4 + [True]
 
 
 @dataclass

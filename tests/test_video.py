@@ -86,6 +86,11 @@ def test_frames_of_a_program_are_of_one_size() -> None:
     assert [f.pixels.shape for f in frames] == [gradient(0).shape] * 2
 
 
+def test_frames_of_a_program_are_numbered_from_zero() -> None:
+    with pytest.raises(MienError, match="index -5; count them from 0"):
+        list(open_video([Frame(np.zeros((8, 8, 3), np.uint8), -5, 0.0)]))
+
+
 def test_frames_of_a_program_are_frames_and_numbered() -> None:
     with pytest.raises(MienError, match=r"is no frame; give each as mien\.Frame"):
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import re
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -17,12 +18,12 @@ import numpy as np
 
 from mien._version import __version__
 from mien.errors import MienError, require, warn
-from mien.files import real_path, reason_of, require_writable, size_of, whole_file
+from mien.files import checksum, real_path, reason_of, require_writable, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
-from mien.registry import create_tracker, file_of
+from mien.registry import code_of, create_tracker, file_of
 from mien.start import requested_options
 from mien.tracking.state import Status
 from mien.video import VIDEO_SUFFIXES, list_images
@@ -34,8 +35,8 @@ _FACE = re.compile(r"\.face[0-9]+$")
 """The suffix that `Destination.of_face` appends to the stem of a table."""
 _WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
 """The note of a video whose process outlived the run that started it."""
-_CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "surrogateescape"}
-"""How the summary is opened: names of videos need not be valid UTF-8."""
+_CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
+"""How the summary is opened: in names of files that are not valid UTF-8, bytes are replaced by their escapes."""
 _OVERLAY = ".overlay.mp4"
 _MESSAGE_PREFIX = "mien: "
 """The prefix of warnings and errors on the command line."""
@@ -81,7 +82,7 @@ class BatchOptions:
     @property
     def inputs(self) -> list[Path]:
         """The files that `mien track` reads in addition to each video."""
-        return [file for file in (file_of(self.preset), self.camera) if file is not None]
+        return [file for file in (file_of(self.preset), code_of(self.preset), self.camera) if file is not None]
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def track_all(
     require_writable(out / SUMMARY)
     waiting = []
     for k, (row,) in enumerate(found):
-        kept = None if options.again else _kept_rows(replace(row, note=notes.get(str(row.video), "")), options)
+        kept = None if options.again else _kept_rows(replace(row, note=notes.get(_as_written(row.video), "")), options)
         if kept is None:
             waiting.append(k)
         else:
@@ -136,11 +137,12 @@ def track_all(
     _write(found, out / SUMMARY)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
+    begun = time.time()
     try:
         progress(len(found) - len(waiting), len(found), "")
         for ended in run_commands(commands, jobs or available_processors(), started=started.append, forked=forked):
             k = waiting[ended.index]
-            found[k] = _outcome(found[k][0], ended)
+            found[k] = _outcome(found[k][0], ended, begun)
             with suppress(MienError):  # a later write includes it too, and the last one must succeed
                 _write(found, out / SUMMARY)
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
@@ -169,7 +171,10 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
         taken = alike[stem] > 1 or of_another or place.with_suffix(".csv") == Path(SUMMARY)
         table = out / (f"{place}.csv" if taken else place.with_suffix(".csv"))
         other = tables.setdefault(table, video)
-        require(other == video, f"{other} and {video} would share the table {table}; track one folder at a time")
+        require(
+            other == video,
+            f"{other} and {video} would share the table {table}; rename one of them, or track one folder at a time",
+        )
     return [(video, table) for table, video in tables.items()]
 
 
@@ -194,14 +199,26 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _files_below(folder: Path) -> list[Path]:
-    """All files in a folder and below it, and folders of images that are named like a video. Warns of a folder that
-    cannot be read."""
+    """All files in a folder and below it, also where links lead, and folders of images that are named like a video.
+    Warns of a folder that cannot be read."""
 
     def report(error: OSError) -> None:
         warn(f"{error.filename} cannot be read ({reason_of(error)}); its videos are not tracked")
 
     found = []
-    for root, folders, files in os.walk(folder, onerror=report):
+    top, linked = real_path(folder), set[Path]()
+
+    def is_new(path: Path) -> bool:
+        """Whether a folder is no link to one whose files are found anyway, nor to one that contains them all."""
+        if not path.is_symlink():
+            return True
+        place = real_path(path)
+        new = not (place.is_relative_to(top) or top.is_relative_to(place) or place in linked)
+        linked.add(place)
+        return new
+
+    for root, folders, files in os.walk(folder, onerror=report, followlinks=True):
+        folders[:] = [name for name in sorted(folders) if is_new(Path(root, name))]
         named = (Path(root, name) for name in folders if Path(name).suffix.lower() in VIDEO_SUFFIXES)
         found += [file for file in named if os.access(file, os.R_OK) and list_images(file)]
         found += [Path(root, name) for name in files]
@@ -228,8 +245,8 @@ def _command(row: Row, options: BatchOptions) -> Call:
 def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     """The rows of a video that need not be tracked again, else None.
 
-    All its files must exist, be complete and no older than the video, which must have the same size, and come from the
-    same tracker with the same settings.
+    All its files must exist, be complete and no older than the video, which must be the same, and come from the same
+    tracker with the same settings.
     """
     if not row.table.exists():
         return None
@@ -244,21 +261,28 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     read = [row.video, *(list_images(row.video) if row.video.is_dir() else ())]
     if not all(file.exists() for file in files):
         return None
-    if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *options.inputs)):
+    written = min(file.stat().st_mtime for file in files)
+    if written < max(file.stat().st_mtime for file in (*read, *options.inputs)):
+        return None
+    # A file that was renamed keeps the time of its content: it may be another video.
+    renamed = written < max(file.stat().st_ctime for file in read)
+    if renamed and known["video"].get("sha256") != checksum(row.video):
         return None
     with suppress(MienError):
         return _face_rows(replace(row, state=KEPT), track)
     return None
 
 
-def _outcome(row: Row, ended: Ended) -> list[Row]:
-    """The rows of a video whose process has ended."""
-    messages = (line.removeprefix(_MESSAGE_PREFIX) for line in ended.output if line.startswith(_MESSAGE_PREFIX))
-    note = " ".join(messages)
+def _outcome(row: Row, ended: Ended, begun: float) -> list[Row]:
+    """The rows of a video whose process has ended. begun: time at which this run did; older files are another's."""
+    messages = [line.removeprefix(_MESSAGE_PREFIX) for line in ended.output if line.startswith(_MESSAGE_PREFIX)]
+    old = [file.name for file in (row.table, *_pictures(row.table)) if file.exists() and file.stat().st_mtime < begun]
+    of_earlier_run = [f"{', '.join(old)} {'is' if len(old) == 1 else 'are'} from an earlier run"] * bool(old)
     if ended.reason:
-        return [replace(row, state=FAILED, note=note or f"{row.video}: {ended.reason}")]
+        messages = messages or [f"{row.video}: {ended.reason}"]
+        return [replace(row, state=FAILED, note=" ".join(messages + of_earlier_run))]
     try:
-        return _face_rows(replace(row, state=TRACKED, note=note), Track.read(row.table))
+        return _face_rows(replace(row, state=TRACKED, note=" ".join(messages + of_earlier_run)), Track.read(row.table))
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
 
@@ -296,6 +320,11 @@ def _notes(summary: Path) -> dict[str, str]:
         row.get("video") or "": _WARNINGS_UNKNOWN if row.get("state") == PENDING else row.get("note") or ""
         for row in rows
     }
+
+
+def _as_written(video: Path) -> str:
+    """The path of a video as the summary has it."""
+    return str(video).encode(_CSV["encoding"], _CSV["errors"]).decode(_CSV["encoding"])
 
 
 def _write(found: Sequence[Sequence[Row]], path: Path) -> None:

@@ -190,8 +190,8 @@ def _appearances(detections: Sequence[list[Sighting]]) -> list[list[Sighting]]:
                 found.append([seen])
             else:
                 same.append(seen)
-    # A single detection may be a false positive.
-    return [one for one in found if len(one) > 1 or len(detections) == 1]
+    # A single detection may be a false positive, but in a video of short shots, or a damaged one, all are single.
+    return [one for one in found if len(one) > 1] or found
 
 
 def _is_known(sightings: Sequence[Sighting], faces: Sequence[TrackedFace]) -> bool:

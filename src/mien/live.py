@@ -71,7 +71,7 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
             tracker = create_tracker(preset)
             estimate = checked(tracker.initialize(frame, faces[0], patience.camera), tracker, frame)
             patience = Patience(patience.camera)
-            warn_if_turned(estimate, footage.video.name)
+            warn_if_turned(estimate, footage.video)
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame)
         doubtful = estimate.confidence <= _DOUBTFUL

@@ -156,8 +156,11 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
     """
     begin, tracker = this.begin, this.tracker
     earlier: dict[int, Estimate] = {}
+    last_row = -1
     with Recorder(files.table, this.face_id) as recorder:
         try:
+            for estimate in begin.passed:
+                recorder.add(estimate)
             for estimate in run_back(tracker, begin):
                 earlier[estimate.index] = estimate
                 if estimate.index >= begin.reported:
@@ -166,16 +169,16 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
             with drawing(files.overlay if last else None, this) as draw:
                 for frame, estimate in run(tracker, begin, earlier):
                     recorder.add(estimate)
+                    last_row = estimate.index
                     draw(frame, estimate, this.tracker if frame.index in earlier else tracker)
                     if estimate.status is Status.INITIALIZED and this.number == 1:
-                        warn_if_turned(estimate, begin.footage.video.name)
+                        warn_if_turned(estimate, begin.footage.video)
                     if frame.index >= begin.reported and frame.index not in earlier:
                         report(estimate)
         except BaseException as raised:
             error = interruption(raised)
-            if not recorder.count:
-                for index in sorted(earlier):
-                    recorder.add(earlier[index])
+            for index in sorted(index for index in earlier if index > last_row):
+                recorder.add(earlier[index])
             if this.number > 1 and files.table is not None:
                 warn(f"stopped in the second pass; {files.table} holds the first")
             elif recorder.count and files.table is not None:
@@ -200,15 +203,16 @@ def _next_tracker(this: Pass) -> Tracker:
     return this.tracker.again() if isinstance(this.tracker, RepeatableTracker) else create_tracker(this.preset)
 
 
-def warn_if_turned(first: Estimate, name: str) -> None:
+def warn_if_turned(first: Estimate, video: Video) -> None:
     """Warn if the face is turned away in the first frame, from which its appearance and shape are learned."""
     if first.rotation is None or first.translation is None:
         return
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
+        remedy = "begin" if video.path is None else "use --start to begin"
         warn(
-            f"{name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, and all "
-            "angles will be less certain; use --start to begin where it looks into the camera"
+            f"{video.name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
+            f"and all angles will be less certain; {remedy} where it looks into the camera"
         )
 
 

@@ -150,6 +150,14 @@ class _Forked:
         context.set_forkserver_preload([call.imported or call.function.partition(":")[0]])
         self._process = context.Process(target=_run_call, args=(call, output), daemon=False)
         with _extended_environment(call.environment):
+            # The server would answer Ctrl-C with a traceback while it imports; it and what it forks keep this mask.
+            from multiprocessing import forkserver  # does not exist on Windows
+
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+            try:
+                forkserver.ensure_running()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             self._process.start()
         assert self._process.pid is not None, "it has started"
         self.pid = self._process.pid
@@ -185,6 +193,7 @@ def _extended_environment(environment: Mapping[str, str]) -> Iterator[None]:
 def _run_call(call: Call, output: str) -> None:
     """Run a call in this forked process, as the leader of a new session, with stdout and stderr appended to a file."""
     os.setsid()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     try:
         file = os.open(output, os.O_WRONLY | os.O_APPEND)
     except FileNotFoundError:  # the parent was stopped before this process started

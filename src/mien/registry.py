@@ -64,14 +64,16 @@ def create_tracker(name: str) -> Tracker:
 
 
 def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
-    """What a tracker returned for a frame. Raises MienError if it is not an Estimate; your own tracker may be wrong."""
-    if not isinstance(returned, Estimate):
-        cls = type(tracker)
-        raise MienError(
-            f"{cls.__module__}:{cls.__qualname__} returned {type(returned).__name__} for frame {frame.index}; its "
-            "initialize and track must return a mien.Estimate, or Estimate.lost(frame, reason) if there is no face"
-        )
-    return returned
+    """What a tracker returned for a frame. Raises MienError if it is not the Estimate of that frame; your own tracker
+    may be wrong."""
+    if isinstance(returned, Estimate) and returned.index == frame.index:
+        return returned
+    cls = type(tracker)
+    what = f"the estimate of frame {returned.index}" if isinstance(returned, Estimate) else type(returned).__name__
+    raise MienError(
+        f"{cls.__module__}:{cls.__qualname__} returned {what} for frame {frame.index}; its initialize and track must "
+        "return a mien.Estimate with the frame's index, or Estimate.lost(frame, reason) if there is no face"
+    )
 
 
 def file_of(name: str) -> Path | None:

@@ -42,6 +42,8 @@ _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
 """Rotation of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
+_GONE_SECONDS = 1.0
+"""How long a live camera's face may not be detected before the wait for it begins anew."""
 _PATIENCE = 3.0
 """Seconds that a live camera waits for a face to look into it."""
 _WIDEST_DEG = 150.0
@@ -141,7 +143,8 @@ class Start:
 
     first: the frame to which the landmarks belong; frames: all frames that get a row, including the first; since: time
     in seconds down to which tracking runs backwards from the first frame; reported: index of the first frame that
-    `prepare` has not yet reported as progress; at_once, face: as passed to `prepare`.
+    `prepare` has not yet reported as progress; at_once, face: as passed to `prepare`; passed: estimates of the frames
+    before `first` that cannot be read again.
     """
 
     footage: Footage
@@ -153,6 +156,7 @@ class Start:
     reported: int = 0
     at_once: bool = False
     face: Point | None = None
+    passed: tuple[Estimate, ...] = ()
 
 
 def prepare(
@@ -175,7 +179,14 @@ def prepare(
     earliest = next(frames)
     camera = footage.camera_of(earliest)
     seekable = source.path is not None  # a live camera yields each frame once: those before the face are gone
-    reported = 0
+    reported, passed = 0, list[Estimate]()
+
+    def pass_over(frame: Frame) -> None:
+        estimate = before_start(frame)
+        report(estimate)
+        if not seekable:
+            passed.append(estimate)
+
     if face is not None:
         require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
         inside = 0 <= face[0] < earliest.width and 0 <= face[1] < earliest.height
@@ -184,7 +195,7 @@ def prepare(
     if landmarks is None:
         search = chain([earliest], frames)
         patience = None if seekable or at_once else Patience(camera, face)
-        first, landmarks = find_face(search, source.name, lambda frame: report(before_start(frame)), patience, face)
+        first, landmarks = find_face(search, source.name, pass_over, patience, face)
         reported = first.index
         if seekable and not at_once:
             first, landmarks = best_look(first, landmarks, camera, footage)
@@ -196,7 +207,8 @@ def prepare(
     later = seekable and first is not earliest
     frames = footage.frames() if later else chain([first], frames)
     since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
-    return Start(footage, first, frames, _rounded_as_saved(landmarks), camera, since, reported, at_once, face)
+    start = _rounded_as_saved(landmarks)
+    return Start(footage, first, frames, start, camera, since, reported, at_once, face, tuple(passed))
 
 
 def before_start(frame: Frame) -> Estimate:
@@ -263,6 +275,7 @@ class Patience:
         """at: pixels; only a face at this point is considered."""
         self.camera, self.at = camera, at
         self.first_detection: tuple[Landmarks, FirstFrame] | None = None
+        self.last_seen = -math.inf
 
     def __call__(self, frame: Frame) -> list[Landmarks]:
         """The faces of a frame, largest first, if tracking may start with it; else none."""
@@ -270,8 +283,10 @@ class Patience:
 
         faces = [face for face in detect_once(frame, self.at) if face.are_inside(frame.width, frame.height)]
         if not faces:
-            self.first_detection = None
+            if frame.time - self.last_seen > _GONE_SECONDS:
+                self.first_detection = None
             return []
+        self.last_seen = frame.time
         self.first_detection = self.first_detection or (faces[0], fit_first_frame(faces[0], self.camera))
         first, fit = self.first_detection
         waited = frame.time - first.time

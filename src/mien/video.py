@@ -365,6 +365,7 @@ class GivenFrames:
             require(
                 isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)"
             )
+            require(frame.index >= 0, f"a frame has the index {frame.index}; count them from 0")
             require(
                 frame.index > last,
                 f"frame {frame.index} comes after frame {last}; number them in order: mien.Frame(pixels, index, time)",

@@ -197,11 +197,14 @@ def test_commands_in_processes() -> None:
 
 
 def test_plans_that_are_refused(tmp_path: Path) -> None:
-    plan = _plan(tmp_path, STILL)
+    plan, alike = _plan(tmp_path, STILL), (tmp_path / "a+1.csv", tmp_path / "a-1.csv")
+    for file in alike:
+        file.touch()
     for change, message in (
         ({"trackers": ("papper",)}, "unknown tracker 'papper'; the trackers are realtime, paper"),
         ({"trackers": ()}, "no tracker was named"),
-        ({"trackers": ("paper", "paper")}, "more than one tracker is called paper"),
+        ({"trackers": ("paper", "paper")}, "more than one tracker would have its results in tracks/paper"),
+        ({"trackers": tuple(f"openface:{file}" for file in alike)}, "tracks/openface-a-1.csv"),
         ({"trackers": ("openface",)}, "openface:PATH"),
         ({"trackers": ("openface:/no/such/folder",)}, "does not exist"),
         ({"protocol": "best"}, "unknown protocol"),

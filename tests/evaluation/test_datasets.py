@@ -9,7 +9,7 @@ import pytest
 
 from evaluation import tiny
 from evaluation.tiny import FRAMES, angles_deg, face68, head_rotations
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.evaluation.datasets import buft, load_dataset
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.datasets.talking_face import FGNET_POINTS
@@ -218,6 +218,22 @@ def test_a_video_with_poses_counts_frames_from_zero_or_as_openface_from_one(tmp_
     truth = _truth("video", _annotate(tmp_path, "frame, success, pose_Rx, pose_Ry, pose_Rz", rows))
     c = compare(Protocol.REBASED, truth, np.tile(FACING, (FRAMES, 1, 1)))
     np.testing.assert_allclose(c.truth_deg[:, 0], np.degrees(0.1 * np.arange(FRAMES)), atol=1e-9)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_time_says_from_where_some_frames_are_counted(tmp_path: Path, first: int) -> None:
+    rows = [f"{i + first},{i / 25 + 0.001},{i / 10},0,0" for i in (2, 4)]
+    truth = _truth("video", _annotate(tmp_path, "frame,timestamp,pose_Rx,pose_Ry,pose_Rz", rows))
+    assert truth.rotations is not None
+    np.testing.assert_array_equal(np.isfinite(truth.rotations).all(axis=(1, 2)), np.isin(range(FRAMES), (2, 4)))
+
+
+def test_frames_that_may_be_counted_from_zero_or_one_are_warned_of(tmp_path: Path) -> None:
+    root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", [f"{i},0,0,0" for i in (1, 3)])
+    with pytest.warns(MienWarning, match=r"mine\.csv has no row of the frame 0"):
+        truth = _truth("video", root)
+    assert truth.rotations is not None
+    np.testing.assert_array_equal(np.isfinite(truth.rotations).all(axis=(1, 2)), np.isin(range(FRAMES), (1, 3)))
 
 
 def test_a_video_with_some_frames_annotated(tmp_path: Path) -> None:

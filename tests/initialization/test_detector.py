@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+from collections import defaultdict
 from typing import Any
 
 import cv2
@@ -33,7 +34,7 @@ def network(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
     if request.param == "OpenCV":
         monkeypatch.setattr(detector, "MediaPipeMesh", not_installed)
-        monkeypatch.setattr(detector, "_thread_cache", threading.local())
+        monkeypatch.setattr(detector, "_idle", defaultdict(list))
     return str(request.param)
 
 
@@ -54,6 +55,16 @@ def test_standard_error_comes_back_after_the_last_of_those_who_silenced_it(monke
     other.__exit__(None, None, None)
     assert os.fstat(2).st_ino == before
     assert sys.stderr is sys.__stderr__
+
+
+def test_threads_share_what_finds_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What MediaPipe keeps for each would otherwise stay after the thread has ended."""
+    monkeypatch.setattr(detector, "_idle", defaultdict(list))
+    for _ in range(3):
+        thread = threading.Thread(target=detector.detect_once, args=(small_motion().frames[0],))
+        thread.start()
+        thread.join()
+    assert [len(finders) for finders in detector._idle.values()] == [1]
 
 
 def test_the_portrait_is_found() -> None:

@@ -56,9 +56,13 @@ class Plan:
         require(self.timed >= 0, f"the number of timed sequences must not be negative, but it is {self.timed}")
         for tracker in self.trackers:
             _require_known(tracker)
-        labels = [label(t) for t in self.trackers]
-        twice = sorted({name for name in labels if labels.count(name) > 1})
-        require(not twice, f"more than one tracker is called {', '.join(twice)}; name each once")
+        names = [file_name(label(t)) for t in self.trackers]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        require(
+            not twice,
+            f"more than one tracker would have its results in tracks/{', '.join(twice)}; name each once, and files of "
+            "settings so that they differ in letters or digits",
+        )
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,8 @@ from mien.geometry.rotation import FACING, matrix_from_euler
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
 EYES_CLOSED = ("eyes_closed", "eyes_closed_sd")
+_CLOSE = 0.25
+"""Frames by which times may be off and still say how frames are numbered."""
 SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 
 
@@ -32,16 +34,16 @@ SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 class PoseTable:
     """The rows of one face in a CSV. Missing columns are None; a row whose `success` is 0 is not `tracked`.
 
-    frame: (n,) as numbered in the file, or the row number if it has no numbers (numbered is False); from_zero: whether
-    the first frame is 0, as in mien's files, or 1, as in OpenFace's; rotation: (n, 3, 3) head -> camera;
-    translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6); eyes_closed: (n, 2) eye closure and its
-    standard deviation, each NaN if unknown.
+    frame: (n,) as numbered in the file, or the row number if it has no numbers (numbered is False); first: number of
+    the video's first frame, 0 as in mien's files or 1 as in OpenFace's, None if the file does not say; rotation:
+    (n, 3, 3) head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6); eyes_closed:
+    (n, 2) eye closure and its standard deviation, each NaN if unknown.
     """
 
     source: Path
     frame: NDArray[np.intp]
     numbered: bool
-    from_zero: bool
+    first: int | None
     tracked: Mask
     confidence: Array
     rotation: Array | None = None
@@ -52,8 +54,8 @@ class PoseTable:
 
     @property
     def index(self) -> NDArray[np.intp]:
-        """(n,) indices of the frames, from 0."""
-        return self.frame if self.from_zero else self.frame - 1
+        """(n,) indices of the frames, from 0; without any other evidence the file is numbered as OpenFace's."""
+        return self.frame - (1 if self.first is None else self.first)
 
     @property
     def scheme(self) -> str:
@@ -88,11 +90,12 @@ def read_pose_csv(path: Path) -> PoseTable:
             f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
             "correct it, or delete the row",
         )
+    from_zero = bool((frame == 0).any()) or "status" in names
     return PoseTable(
         path,
         frame.astype(np.intp),
         numbered,
-        bool((frame == 0).any()) or "status" in names,
+        0 if from_zero else _first_by_time(frame, _column(path, rows, "timestamp", np.nan)),
         tracked,
         np.nan_to_num(_column(path, rows, "confidence", 1.0)),
         None if angles is None else _rotations(angles),
@@ -101,6 +104,17 @@ def read_pose_csv(path: Path) -> PoseTable:
         _columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
         np.stack([_column(path, rows, n, np.nan) for n in EYES_CLOSED], axis=1) if EYES_CLOSED[0] in names else None,
     )
+
+
+def _first_by_time(frame: Array, time: Array) -> int | None:
+    """The number of the frame at time zero, 0 or 1, by the times (n,) of the frames (n,) in seconds; None if they do
+    not say."""
+    frame, time = frame[np.isfinite(time)], time[np.isfinite(time)]
+    if len(set(time.tolist())) < 2 or len(set(frame.tolist())) < 2:
+        return None
+    at_zero = float(np.polyfit(time, frame, 1)[1])
+    nearest = round(at_zero)
+    return nearest if nearest in (0, 1) and abs(at_zero - nearest) < _CLOSE else None
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import threading
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from itertools import product
@@ -240,16 +240,21 @@ class _Finder:
         return [(corner + centre, size) for centre, size in self.mesh.places(pixels)]
 
 
-_thread_cache = threading.local()
-"""Cached finders of each thread and process: creating one takes as long as several detections."""
+_idle: defaultdict[tuple[int, int], list[_Finder]] = defaultdict(list)
+"""Finders that no thread uses, by process and number of faces: creating one takes as long as several detections, and
+MediaPipe's keep threads and memory of their own."""
 
 
 @contextlib.contextmanager
 def _finder(faces: int) -> Iterator[_Finder]:
-    """A finder for at most this many faces, with its log output suppressed."""
-    finders: dict[str, _Finder] = vars(_thread_cache)
-    key = f"{os.getpid()} {faces}"
+    """A finder for at most this many faces, with its log output suppressed, which no other thread has meanwhile."""
+    idle = _idle[os.getpid(), faces]
     with silenced():
-        if key not in finders:
-            finders[key] = _Finder(faces)
-        yield finders[key]
+        try:
+            finder = idle.pop()
+        except IndexError:
+            finder = _Finder(faces)
+        try:
+            yield finder
+        finally:
+            idle.append(finder)

@@ -2,9 +2,9 @@
 
 PATH is a video with a CSV of the same name beside it, or a folder of such pairs. The columns are those of
 `mien.evaluation.pose_csv`: `frame`, `pose_Rx, pose_Ry, pose_Rz` in radians, `x_0, y_0, ..` in pixels. `frame` starts at
-0, or at 1, as in OpenFace, if no row has frame 0 and the last equals the number of frames. Without that column there
-must be a row for every frame. Frames without a row, or with `success` 0, have no truth. The camera has the default
-field of view of 60 degrees unless a focal length is given.
+0, or at 1, as in OpenFace, if no row has frame 0 and `timestamp` says so or, without times, the last frame equals the
+number of frames. Without `frame` there must be a row for every frame. Frames without a row, or with `success` 0, have
+no truth. The camera has the default field of view of 60 degrees unless a focal length is given.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.arrays import Array
-from mien.errors import require
+from mien.errors import require, warn
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
 from mien.evaluation.pose_csv import PoseTable, read_pose_csv
 
@@ -57,8 +57,16 @@ def read_truth(path: Path, frames: int) -> Truth:
 def _index(table: PoseTable, frames: int) -> NDArray[np.intp]:
     if not table.numbered:
         require_frames(len(table.frame), frames, table.source)
-    from_one = not (table.frame == 0).any() and int(table.frame.max()) == frames
-    return table.frame - 1 if from_one else table.frame
+    first = table.first
+    if first is None:
+        last = int(table.frame.max())
+        first = 1 if last == frames else 0
+        if last < frames:
+            warn(
+                f"{table.source} has no row of the frame 0, and is read as if its frames were counted from 0; if they "
+                "are counted from 1, add the column timestamp (seconds), or a row for the last frame"
+            )
+    return table.frame - first
 
 
 def _sequence(video: Path, truth: Path) -> Sequence:
