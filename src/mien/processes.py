@@ -150,14 +150,7 @@ class _Forked:
         context.set_forkserver_preload([call.imported or call.function.partition(":")[0]])
         self._process = context.Process(target=_run_call, args=(call, output), daemon=False)
         with _extended_environment(call.environment):
-            # The server would answer Ctrl-C with a traceback while it imports; it and what it forks keep this mask.
-            from multiprocessing import forkserver  # does not exist on Windows
-
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-            try:
-                forkserver.ensure_running()
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            _start_fork_server()
             self._process.start()
         assert self._process.pid is not None, "it has started"
         self.pid = self._process.pid
@@ -173,6 +166,19 @@ class _Forked:
 
     def kill(self) -> None:
         self._process.kill()
+
+
+def _start_fork_server() -> None:
+    """Start the server that forks processes, deaf to Ctrl-C, to which it would answer with a traceback while it
+    imports. What it forks is deaf as well at first."""
+    from multiprocessing import forkserver, resource_tracker  # not at the top: the first does not exist on Windows
+
+    resource_tracker.ensure_running()  # it undoes the mask when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
