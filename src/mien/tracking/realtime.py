@@ -255,13 +255,12 @@ class RealtimeTracker:
         """Where few landmarks are seen, fuse the solution with the prediction, each weighed by its information: that a
         head moves little in a frame then says more than the landmarks do."""
         s = self.settings
-        seen = found.inliers(s.seen_distance)
-        share = np.count_nonzero(seen) / len(seen)
+        d2, share = found.seen(s.seen_distance)
         if share >= s.hold_share:
             return found
         sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation, s.prior_jaw)
         inertia = np.diag(1 / sd**2)
-        information = found.H / frame_variance(found.d2[seen], share)
+        information = found.H / frame_variance(d2, share)
         back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
         return replace(found, pose=found.pose.moved(-back))
 
@@ -323,14 +322,13 @@ class RealtimeTracker:
         X, image = pose_geometry.reported_landmarks(
             self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, lids, self.solver.camera_vector
         )
-        seen = solution.inliers(self.settings.seen_distance)
+        d2, share = solution.seen(self.settings.seen_distance)
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
-        share = np.count_nonzero(seen) / len(seen)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         moved = self.pose.animation - self.prior.rest
         covariance = state_covariance(
-            solution.step_covariance, solution.d2[seen], share, self.pose.R, moved, self.axes.first, relief_sd, learned
+            solution.step_covariance, d2, share, self.pose.R, moved, self.axes.first, relief_sd, learned
         )
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(

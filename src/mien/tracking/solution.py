@@ -149,9 +149,11 @@ class Solution:
         ratio = sorted((self.d2[seen] / self.expected[seen]).tolist())  # for a few numbers faster than NumPy
         return float(ratio[len(ratio) // 2]) if ratio else math.inf
 
-    def inliers(self, most: float) -> Mask:
-        """Landmarks (n,) that face the camera and whose squared distance is at most `most`."""
-        return np.asarray(self.facing & (self.d2 <= most))
+    def seen(self, most: float) -> tuple[Array, float]:
+        """Squared distances (m,), at most `most`, of the landmarks that face the camera, and their share of all
+        landmarks."""
+        d2 = self.d2[self.facing & (self.d2 <= most)]
+        return d2, len(d2) / len(self.d2)
 
     @cached_property
     def distinctive_d2(self) -> Array:
