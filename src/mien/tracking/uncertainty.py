@@ -42,7 +42,7 @@ what is wrong with the features of a face that turns far grows likewise, and rol
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond that of the rotation; and, in CANDIDE units, the standard
 deviation of its constant error across the view, and of the error that a wrong relief adds, by the sine of the turn."""
-UNIT_SCALE = np.array([0.65, 0.35, 0.3, 0.45, 0.15, 0.55])
+UNIT_SCALE = np.array([0.65, 0.35, 0.4, 0.5, 0.25, 0.65])
 """Standard deviation of the error of each unit in an expression, as a share of how far the mouth, or for their two
 units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
 far."""
