@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 import time
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,8 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
         for k, (status, sure) in enumerate(states)
     ]
     metadata = {
-        "mien": __version__, "complete": True, "preset": "realtime", "passes": 1, "asked": ASKED, "video": {"bytes": 0},
+        "mien": __version__, "complete": True, "preset": "realtime", "passes": 1, "asked": ASKED,
+        "video": {"bytes": 0, "sha256": sha256(b"").hexdigest()},
     }  # fmt: skip
     Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
@@ -273,15 +275,35 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
 
 def test_videos_that_exchange_their_names_are_tracked_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     """They have the same size, and are older than their tables."""
+    out, sub, place = tmp_path / "out", videos / "sub", videos / "place.mp4"
+    track_all([videos], out)
+    for video in (videos / "a.mp4", sub / "b.avi", sub / "c.MOV"):
+        file = (out / video.relative_to(videos)).with_suffix(".json")
+        known = {"bytes": 0, "sha256": video.name, "inode": video.stat().st_ino}
+        file.write_text(json.dumps({**json.loads(file.read_text()), "video": known}))
+    (sub / "b.avi").rename(place)
+    (sub / "c.MOV").rename(sub / "b.avi")
+    place.rename(sub / "c.MOV")
+    assert _states(track_all([videos], out)) == ["kept", "tracked", "tracked"]
+
+
+def test_a_video_that_has_moved_is_kept(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)
-    for file in out.rglob("*.json"):
-        file.write_text(json.dumps({**json.loads(file.read_text()), "video": {"bytes": 0, "sha256": "another"}}))
-    place = videos / "place.mp4"
-    (videos / "a.mp4").rename(place)
-    place.rename(videos / "a.mp4")
-    assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]
-    assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
+    shutil.copytree(videos, tmp_path / "copy")
+    assert _states(track_all([tmp_path / "copy"], out)) == ["kept"] * 3
+
+
+def test_a_video_that_can_no_longer_be_read_is_tried_again(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def checksum(path: Path) -> str:
+        raise PermissionError(path)
+
+    out = tmp_path / "out"
+    track_all([videos], out)
+    monkeypatch.setattr(batch, "checksum", checksum)
+    assert _states(track_all([videos], out)) == ["tracked"] * 3
 
 
 def test_a_tracker_of_your_own_that_has_changed_is_used(
@@ -303,8 +325,6 @@ def test_files_of_an_earlier_run_are_noted(videos: Path, code: dict[str, str], t
     out = tmp_path / "out"
     track_all([videos], out)
     (out / "a.png").write_bytes(b"")
-    for file in out.rglob("*.*"):
-        os.utime(file, (0, 0))
     code["b.avi"] = ALAS
     rows = track_all([videos], out, BatchOptions(again=True))
     assert [row.note for row in rows] == ["a.png is from an earlier run", "alas b.csv is from an earlier run", ""]
@@ -317,8 +337,22 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
     for name, target in (("far", elsewhere), ("far2", elsewhere), ("again", videos / "sub"), ("up", tmp_path)):
         (videos / name).symlink_to(target)
     (elsewhere / "back").symlink_to(videos)
-    found = [str(table.relative_to(tmp_path / "out")) for _, table in find_videos([videos], tmp_path / "out")]
-    assert found == ["a.csv", "far/d.csv", "sub/b.csv", "sub/c.csv"]
+    deeper = elsewhere / "deeper"
+    deeper.mkdir()
+    (deeper / "e.mp4").write_bytes(b"")
+    (deeper / "up").symlink_to(elsewhere)
+    (videos / "deeper").symlink_to(deeper)
+    (videos / ".store").mkdir()
+    (videos / ".store" / "f.mp4").write_bytes(b"")
+    (videos / "shown").symlink_to(videos / ".store")
+    found = {
+        str(video.resolve().relative_to(tmp_path)): table for video, table in find_videos([videos], tmp_path / "out")
+    }
+    assert len(pairs) == len(found) == 6
+    assert found["videos/a.mp4"] == tmp_path / "out" / "a.csv"
+    assert found["videos/sub/b.avi"] == tmp_path / "out" / "sub" / "b.csv"
+    assert found["videos/.store/f.mp4"] == tmp_path / "out" / "shown" / "f.csv"
+    assert {"elsewhere/d.mp4", "elsewhere/deeper/e.mp4", "videos/sub/c.MOV"} < set(found)
 
 
 def test_settings_that_have_changed_are_used(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

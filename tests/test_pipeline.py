@@ -291,6 +291,13 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
     assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
 
 
+def test_frames_before_the_given_landmarks_have_rows_as_of_a_file(tracker: StillTracker, folder: Path) -> None:
+    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    track = mien.track(iter(list(open_video(folder))), landmarks=marks)
+    assert track.index.tolist() == list(range(6))
+    assert track.table.column("reason").to_pylist() == [*["tracking begins later"] * 3, None, None, None]
+
+
 class WiserTracker(StillTracker):
     """Knows in the end that all it has told was turned."""
 

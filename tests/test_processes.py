@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -77,3 +80,36 @@ def test_a_call_that_does_not_end_is_stopped(forked: bool, tmp_path: Path) -> No
     for file in (one, other):
         with pytest.raises(ProcessLookupError):
             os.kill(int(file.read_text()), 0)
+
+
+@pytest.mark.parametrize("forked", [False, True])
+def test_a_call_can_be_interrupted(forked: bool) -> None:
+    (ended,) = _run(
+        "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))", forked=forked
+    )
+    assert ended.output == ("False",)
+
+
+STARTING = """
+from mien.processes import Call, run_commands
+try:
+    list(run_commands([Call("slow", "slow_to_import:run", ())], 1, forked=True))
+except KeyboardInterrupt:
+    print("stopped")
+"""
+
+
+@pytest.mark.skipif(not can_fork(), reason="needs a server of forked processes")
+def test_an_interruption_while_the_first_process_starts_is_no_traceback(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    slow = f"import pathlib, time\npathlib.Path({str(begun)!r}).touch()\ntime.sleep(1)\ndef run(): time.sleep(60)\n"
+    (tmp_path / "slow_to_import.py").write_text(slow)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    program = subprocess.Popen(
+        [sys.executable, "-c", STARTING], env=environment, start_new_session=True, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    while not begun.exists():
+        time.sleep(0.01)
+    os.killpg(program.pid, signal.SIGINT)
+    assert program.communicate(timeout=60) == ("stopped\n", "")

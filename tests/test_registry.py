@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -90,8 +91,11 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
         create_tracker("own_trackers_here:Hole")
     with pytest.raises(MienError, match="own_trackers_here:Half has no method initialize; see"):
         create_tracker("own_trackers_here:Half")
-    with pytest.raises(MienError, match="unknown tracker 'not_there_at_all:Whole'"):
-        create_tracker("not_there_at_all:Whole")
+    for name in ("not_there_at_all:Whole", ":Whole", ".own_trackers_here:Whole"):
+        with pytest.raises(MienError, match=f"unknown tracker '{re.escape(name)}'"):
+            create_tracker(name)
+    with pytest.raises(MienError, match="math:sin cannot be created"):
+        create_tracker("math:sin")
 
 
 def test_an_estimate_belongs_to_its_frame() -> None:

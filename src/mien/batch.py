@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import os
 import re
-import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from itertools import chain
@@ -137,12 +136,12 @@ def track_all(
     _write(found, out / SUMMARY)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
-    begun = time.time()
+    earlier = _times(file for k in waiting for file in _all_files(found[k][0].table))
     try:
         progress(len(found) - len(waiting), len(found), "")
         for ended in run_commands(commands, jobs or available_processors(), started=started.append, forked=forked):
             k = waiting[ended.index]
-            found[k] = _outcome(found[k][0], ended, begun)
+            found[k] = _outcome(found[k][0], ended, earlier)
             with suppress(MienError):  # a later write includes it too, and the last one must succeed
                 _write(found, out / SUMMARY)
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
@@ -199,35 +198,43 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _files_below(folder: Path) -> list[Path]:
-    """All files in a folder and below it, also where links lead, and folders of images that are named like a video.
-    Warns of a folder that cannot be read."""
+    """All files in a folder and below it, also where links lead, and folders of images that are named like a video; in
+    no hidden folder, and in each folder once. Warns of a folder that cannot be read."""
 
     def report(error: OSError) -> None:
         warn(f"{error.filename} cannot be read ({reason_of(error)}); its videos are not tracked")
 
-    found = []
-    top, linked = real_path(folder), set[Path]()
-
-    def is_new(path: Path) -> bool:
-        """Whether a folder is no link to one whose files are found anyway, nor to one that contains them all."""
-        if not path.is_symlink():
-            return True
-        place = real_path(path)
-        new = not (place.is_relative_to(top) or top.is_relative_to(place) or place in linked)
-        linked.add(place)
-        return new
-
-    for root, folders, files in os.walk(folder, onerror=report, followlinks=True):
-        folders[:] = [name for name in sorted(folders) if is_new(Path(root, name))]
-        named = (Path(root, name) for name in folders if Path(name).suffix.lower() in VIDEO_SUFFIXES)
-        found += [file for file in named if os.access(file, os.R_OK) and list_images(file)]
-        found += [Path(root, name) for name in files]
+    top, entered = real_path(folder), set[Path]()
+    found, waiting = list[Path](), [folder]
+    while waiting:  # links come last, so that what lies in the folder itself has its own place
+        for root, folders, files in os.walk(waiting.pop(0), onerror=report):
+            place = real_path(Path(root))
+            if place in entered or (place != top and top.is_relative_to(place)):
+                folders.clear()
+                continue
+            entered.add(place)
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            paths = [Path(root, name) for name in folders]
+            waiting += [path for path in paths if path.is_symlink()]
+            named = (path for path in paths if path.suffix.lower() in VIDEO_SUFFIXES)
+            found += [path for path in named if os.access(path, os.R_OK) and list_images(path)]
+            found += [Path(root, name) for name in files]
     return sorted(found)
 
 
 def _pictures(table: Path) -> tuple[Path, Path]:
     """Paths of the overlay and the plot of a table."""
     return table.with_name(f"{table.stem}{_OVERLAY}"), table.with_suffix(".png")
+
+
+def _all_files(table: Path) -> tuple[Path, ...]:
+    """The table and the pictures that a video may have."""
+    return table, *_pictures(table)
+
+
+def _times(files: Iterable[Path]) -> dict[Path, int]:
+    """When those of the files that exist were written, in nanoseconds by the clock of their file system."""
+    return {file: file.stat().st_mtime_ns for file in files if file.exists()}
 
 
 def _is_overlay(file: Path) -> bool:
@@ -261,22 +268,21 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     read = [row.video, *(list_images(row.video) if row.video.is_dir() else ())]
     if not all(file.exists() for file in files):
         return None
-    written = min(file.stat().st_mtime for file in files)
-    if written < max(file.stat().st_mtime for file in (*read, *options.inputs)):
-        return None
-    # A file that was renamed keeps the time of its content: it may be another video.
-    renamed = written < max(file.stat().st_ctime for file in read)
-    if renamed and known["video"].get("sha256") != checksum(row.video):
-        return None
-    with suppress(MienError):
+    with suppress(MienError, OSError):
+        if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *options.inputs)):
+            return None
+        # A file or a folder that was renamed keeps its time: it may be another video.
+        other = known["video"].get("inode") != row.video.stat().st_ino
+        if other and known["video"].get("sha256") != checksum(row.video):
+            return None
         return _face_rows(replace(row, state=KEPT), track)
     return None
 
 
-def _outcome(row: Row, ended: Ended, begun: float) -> list[Row]:
-    """The rows of a video whose process has ended. begun: time at which this run did; older files are another's."""
+def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
+    """The rows of a video whose process has ended. earlier: `_times` of its files before."""
     messages = [line.removeprefix(_MESSAGE_PREFIX) for line in ended.output if line.startswith(_MESSAGE_PREFIX)]
-    old = [file.name for file in (row.table, *_pictures(row.table)) if file.exists() and file.stat().st_mtime < begun]
+    old = [file.name for file, time in _times(_all_files(row.table)).items() if earlier.get(file) == time]
     of_earlier_run = [f"{', '.join(old)} {'is' if len(old) == 1 else 'are'} from an earlier run"] * bool(old)
     if ended.reason:
         messages = messages or [f"{row.video}: {ended.reason}"]

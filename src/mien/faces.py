@@ -1,9 +1,9 @@
 """Track all faces in a video, one after the other, each as if it were alone.
 
 There is no face recognition. Faces are detected twice a second throughout the video. Consecutive detections in about
-the same place are one appearance; the first appearance that no track covers is tracked next, from there in both
-directions through the whole video, as the face may appear again. A tracker that has lost its face may lock on to
-another one: where two tracks have the same face, the less confident one counts as lost.
+the same place are one appearance; the first appearance that no track covers is tracked next, from its beginning to the
+end of the video, as the face may appear again. A tracker that has lost its face may lock on to another one: where two
+tracks have the same face, the less confident one counts as lost.
 """
 
 from __future__ import annotations

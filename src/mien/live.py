@@ -70,7 +70,7 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
         if faces:
             tracker = create_tracker(preset)
             estimate = checked(tracker.initialize(frame, faces[0], patience.camera), tracker, frame)
-            patience = Patience(patience.camera)
+            patience, seen = Patience(patience.camera), frame.time
             warn_if_turned(estimate, footage.video)
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame)

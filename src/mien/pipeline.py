@@ -30,7 +30,7 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import checked, create_tracker, file_of
-from mien.start import TURNED_DEG, Footage, Start, prepare, requested_options
+from mien.start import TURNED_DEG, Footage, Start, before_landmarks, prepare, requested_options
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Source, Video, backwards, open_video, refuse_among_images
@@ -274,7 +274,7 @@ def run(
     """Track forwards; yields each frame with its estimate, before the first that of `run_back` by index."""
     for frame in begin.frames:
         if frame.index < begin.first.index:
-            yield frame, earlier.get(frame.index) or Estimate.lost(frame, "tracking begins later")
+            yield frame, earlier.get(frame.index) or before_landmarks(frame)
         elif frame.index == begin.first.index:
             yield frame, checked(tracker.initialize(frame, begin.landmarks, begin.camera), tracker, frame)
         else:
@@ -290,7 +290,8 @@ def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate
     from mien.output.overlay import FaceOverlay, OverlayWriter, draw
 
     with ExitStack() as opened:
-        writer = opened.enter_context(OverlayWriter(path)) if path else None
+        begins = this.begin.passed[0].time if this.begin.passed else None
+        writer = opened.enter_context(OverlayWriter(path, begins)) if path else None
         window = opened.enter_context(Window(this.begin.footage.video.name)) if this.show else None
 
         def draw_estimate(frame: Frame, estimate: Estimate, tracker: Tracker) -> None:
@@ -331,6 +332,7 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
             "name": video.name,
             "sha256": None if video.path is None else checksum(video.path),
             "bytes": None if video.path is None else size_of(video.path),
+            "inode": None if video.path is None else video.path.stat().st_ino,
             "width": begin.first.width,
             "height": begin.first.height,
             "fps": video.fps,

@@ -48,7 +48,7 @@ def create_tracker(name: str) -> Tracker:
     require(isinstance(name, str), f"a tracker is given by its name, not by {name!r}")
     known = name.partition(":")[0]
     module, _, cls = TRACKERS.get(known, name).partition(":")
-    found = _module(module) if cls else None
+    found = _module(module) if cls and module and not module.startswith(".") else None
     require(
         found is not None,
         f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, or MODULE:CLASS of your own",
@@ -57,7 +57,10 @@ def create_tracker(name: str) -> Tracker:
     require(callable(tracker), f"{name}: the module {module} has no class {cls}")
     assert tracker is not None
     argument = argument_of(name)
-    made: Tracker = tracker() if argument is None else tracker(argument)
+    try:
+        made: Tracker = tracker() if argument is None else tracker(argument)
+    except TypeError as error:
+        raise MienError(f"{name} cannot be created ({error}); it must need no arguments") from error
     missing = [method for method in ("initialize", "track") if not callable(getattr(made, method, None))]
     require(not missing, f"{name} has no method {' and no '.join(missing)}; see mien.Tracker")
     return made

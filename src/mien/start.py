@@ -181,8 +181,7 @@ def prepare(
     seekable = source.path is not None  # a live camera yields each frame once: those before the face are gone
     reported, passed = 0, list[Estimate]()
 
-    def pass_over(frame: Frame) -> None:
-        estimate = before_start(frame)
+    def pass_over(estimate: Estimate) -> None:
         report(estimate)
         if not seekable:
             passed.append(estimate)
@@ -195,25 +194,32 @@ def prepare(
     if landmarks is None:
         search = chain([earliest], frames)
         patience = None if seekable or at_once else Patience(camera, face)
-        first, landmarks = find_face(search, source.name, pass_over, patience, face)
+        first, landmarks = find_face(search, source.name, lambda frame: pass_over(before_start(frame)), patience, face)
         reported = first.index
         if seekable and not at_once:
             first, landmarks = best_look(first, landmarks, camera, footage)
     else:
         if not isinstance(landmarks, Landmarks):
             landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
-        first = _frame_of(landmarks, chain([earliest], frames), source)
+        first, skipped = _frame_of(landmarks, chain([earliest], frames), source)
+        for estimate in () if seekable else skipped:
+            pass_over(estimate)
     landmarks.check(first.width, first.height)
     later = seekable and first is not earliest
     frames = footage.frames() if later else chain([first], frames)
     since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
-    start = _rounded_as_saved(landmarks)
-    return Start(footage, first, frames, start, camera, since, reported, at_once, face, tuple(passed))
+    rounded = _rounded_as_saved(landmarks)
+    return Start(footage, first, frames, rounded, camera, since, reported, at_once, face, tuple(passed))
 
 
 def before_start(frame: Frame) -> Estimate:
     """The estimate for a frame before tracking starts: lost."""
     return Estimate.lost(frame, "no face was seen yet")
+
+
+def before_landmarks(frame: Frame) -> Estimate:
+    """The estimate for a frame before the one whose face is learned, down to which it was not followed: lost."""
+    return Estimate.lost(frame, "tracking begins later")
 
 
 def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
@@ -254,17 +260,22 @@ def _into_camera(R: Array, t: Array) -> bool:
     return turned_deg(R, t) <= TURNED_DEG
 
 
-def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> Frame:
-    """The frame to which landmarks belong; if they belong to an earlier one, the first frame, with a warning."""
-    first = next((frame for frame in frames if frame.time > landmarks.time - 0.5 / source.fps), None)
-    if first is None:
+def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> tuple[Frame, list[Estimate]]:
+    """The frame to which landmarks belong, and estimates for those before it; if they belong to an earlier one, the
+    first frame, with a warning."""
+    skipped = list[Estimate]()
+    for first in frames:
+        if first.time > landmarks.time - 0.5 / source.fps:
+            break
+        skipped.append(before_landmarks(first))
+    else:
         raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
     if first.time - landmarks.time > 1.5 / source.fps:
         warn(
             f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
             f"--start {landmarks.time:.2f} begins where it belongs"
         )
-    return first
+    return first, skipped
 
 
 class Patience:

@@ -228,6 +228,14 @@ def test_the_time_says_from_where_some_frames_are_counted(tmp_path: Path, first:
     np.testing.assert_array_equal(np.isfinite(truth.rotations).all(axis=(1, 2)), np.isin(range(FRAMES), (2, 4)))
 
 
+def test_times_far_from_the_first_frame_say_nothing_of_it(tmp_path: Path) -> None:
+    """As times are rounded to milliseconds, a line through ten of them misses the first frame."""
+    for start in (300, 1000, 3000):
+        rows = [f"{k},{k / 29.97:.3f},0,0,0" for k in range(start, start + 10)]
+        (tmp_path / "some.csv").write_text("\n".join(["frame,timestamp,pose_Rx,pose_Ry,pose_Rz", *rows]))
+        assert read_pose_csv(tmp_path / "some.csv").first is None
+
+
 def test_frames_that_may_be_counted_from_zero_or_one_are_warned_of(tmp_path: Path) -> None:
     root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", [f"{i},0,0,0" for i in (1, 3)])
     with pytest.warns(MienWarning, match=r"mine\.csv has no row of the frame 0"):

@@ -65,6 +65,8 @@ def test_threads_share_what_finds_faces(monkeypatch: pytest.MonkeyPatch) -> None
         thread.start()
         thread.join()
     assert [len(finders) for finders in detector._idle.values()] == [1]
+    with detector._finder(8) as one, detector._finder(8) as other:
+        assert one is not other  # at the same time each has its own
 
 
 def test_the_portrait_is_found() -> None:

@@ -29,6 +29,8 @@ TRACKED_UNITS = (
     "outer_brow_raiser",
 )
 """The six animation units of the state, Eq. (2), in its order."""
+MOVES_MOUTH = np.array(["brow" not in unit for unit in TRACKED_UNITS])
+"""(6,) which of them move the mouth; the others move the brows."""
 
 INTERPUPILLARY_MM = 63.0
 _PUPILS = ((67, 68, 71, 72), (69, 70, 73, 74))  # iris corners of the left and of the right eye

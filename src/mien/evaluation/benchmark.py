@@ -14,7 +14,7 @@ from pathlib import Path
 
 import mien
 from mien._version import __version__
-from mien.errors import MienError, require
+from mien.errors import MienError, require, warn
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence as DataSequence
 from mien.evaluation.job import Job
@@ -35,8 +35,8 @@ NOT_USED = (
     "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py", "pipeline.py",
     "processes.py", "synthetic.py",
 )  # fmt: skip
-"""Parts of mien on which results do not depend, apart from `DATASETS`."""
-DATASETS = ("evaluation", "datasets")
+"""Parts of mien on which results do not depend, apart from `READERS`."""
+READERS = [("evaluation", name) for name in ("datasets", "pose_csv.py", "points12.py", "run.py", "results.py")]
 
 
 def run_plan(
@@ -82,7 +82,8 @@ def run_plan(
         jobs,
         on_failure=lambda job, reason: _save_failure(job, kinds[job.sequence], reason),
     )
-    timed([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1)
+    for job, reason in timed([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1):
+        warn(f"{job.label} on {job.sequence} was not timed: {reason}")
     return evaluation
 
 
@@ -149,7 +150,7 @@ def code_checksum() -> str:
     root = Path(mien.__file__).parent
     files = (p for p in sorted(root.rglob("*")) if p.is_file() and p.suffix not in (".pyc", ".nbi", ".nbc"))
     parts = {p: p.relative_to(root).parts for p in files}
-    used = [p for p, at in parts.items() if at[0] not in NOT_USED or at[:2] == DATASETS]
+    used = [p for p, at in parts.items() if at[0] not in NOT_USED or at[:2] in READERS]
     return _digest([f"{p.relative_to(root)} {_checksum(p)}" for p in used])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -57,7 +58,8 @@ class Plan:
         for tracker in self.trackers:
             _require_known(tracker)
         names = [file_name(label(t)) for t in self.trackers]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        folded = [name.casefold() for name in names]  # as some file systems compare them
+        twice = sorted({name for name in folded if folded.count(name) > 1})
         require(
             not twice,
             f"more than one tracker would have its results in tracks/{', '.join(twice)}; name each once, and files of "
@@ -147,14 +149,14 @@ def file_name(tracker: str) -> str:
 
 def command_of(plan: Plan) -> str:
     """The command line that reproduces the results."""
-    words = ["mien evaluate", plan.dataset, str(plan.root), f"--trackers {','.join(plan.trackers)}"]
-    words.append(f"--protocol {plan.protocol}")
-    words += [f"--landmarks {plan.landmarks}"] if plan.landmarks != "detected" else []
-    words += [f"--focal {plan.focal_px:g}"] if plan.focal_px is not None else []
-    words += [f"--lost {plan.lost_deg:g}"] if plan.lost_deg != DEFAULT_LOST_DEG else []
-    words += [f"--sequences {','.join(plan.sequences)}"] if plan.sequences else []
-    words += [f"--timed {plan.timed}"] if plan.timed != 1 else []
-    return " ".join([*words, f"-o {plan.out}"])
+    words = ["mien", "evaluate", plan.dataset, str(plan.root), "--trackers", ",".join(plan.trackers)]
+    words += ["--protocol", plan.protocol]
+    words += ["--landmarks", plan.landmarks] if plan.landmarks != "detected" else []
+    words += ["--focal", f"{plan.focal_px:g}"] if plan.focal_px is not None else []
+    words += ["--lost", f"{plan.lost_deg:g}"] if plan.lost_deg != DEFAULT_LOST_DEG else []
+    words += ["--sequences", ",".join(plan.sequences)] if plan.sequences else []
+    words += ["--timed", str(plan.timed)] if plan.timed != 1 else []
+    return shlex.join([*words, "-o", str(plan.out)])
 
 
 def _file(out: Path) -> Path:

@@ -9,6 +9,7 @@ camera); `pose_Tx..` (mm); `x_0.., y_0..` pixels of 68 (iBUG) or 26 (CANDIDE) la
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,13 +22,13 @@ from mien.candide.model import TRACKED_UNITS
 from mien.csv_files import csv_rows
 from mien.errors import MienError, require
 from mien.geometry.rotation import FACING, matrix_from_euler
+from mien.initialization.landmarks import SCHEME_OF_COUNT
+from mien.output.columns import ROTATION, TRANSLATION
 
-ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
-TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
 EYES_CLOSED = ("eyes_closed", "eyes_closed_sd")
-_CLOSE = 0.25
-"""Frames by which times may be off and still say how frames are numbered."""
-SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
+_TIME_SD, _CLOSE = 7e-4, 0.25
+"""Error of a time in seconds, as most are rounded to milliseconds, and the error in frames with which the times still
+say how frames are numbered."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +113,10 @@ def _first_by_time(frame: Array, time: Array) -> int | None:
     frame, time = frame[np.isfinite(time)], time[np.isfinite(time)]
     if len(set(time.tolist())) < 2 or len(set(frame.tolist())) < 2:
         return None
-    at_zero = float(np.polyfit(time, frame, 1)[1])
-    nearest = round(at_zero)
-    return nearest if nearest in (0, 1) and abs(at_zero - nearest) < _CLOSE else None
+    (rate, at_zero), covariance = np.polyfit(time, frame, 1, cov="unscaled")
+    sd = _TIME_SD * abs(rate) * math.sqrt(covariance[1, 1])
+    nearest = round(float(at_zero))
+    return nearest if nearest in (0, 1) and max(abs(at_zero - nearest), 3 * sd) < _CLOSE else None
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

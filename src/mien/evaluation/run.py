@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
@@ -102,9 +104,10 @@ def peak_memory_mb() -> float:
     if status.exists():  # unlike ru_maxrss, this excludes the memory of the parent before exec
         line = next(row for row in status.read_text().splitlines() if row.startswith("VmHWM"))
         return int(line.split()[1]) / 1024
-    import resource
-    import sys
-
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return math.nan
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 

@@ -19,12 +19,11 @@ from mien.arrays import Array
 from mien.csv_files import csv_rows
 from mien.errors import MienError, require
 from mien.files import json_text, whole_file
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import SCHEME_OF_COUNT, Landmarks
 
 PTS_ORIGIN = 1.0
 TIME_TOLERANCE = 0.5
 """Largest time difference in seconds between a frame and the nearest row of a CSV."""
-_SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
 
 
 def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landmarks:
@@ -111,14 +110,14 @@ def _read_csv(path: Path, index: int, time: float) -> Landmarks:
     row = _row_of_frame(path, list(csv_rows(path)), index, time)
     count = sum(1 for name in row if name.startswith("x_"))
     require(
-        count in _SCHEME_OF_COUNT,
+        count in SCHEME_OF_COUNT,
         f"{path} has {count} landmark columns x_0, x_1 ..; OpenFace writes 68 of them with -2Dfp",
     )
     names = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     missing = [n for n in names if n not in row]
     require(not missing, f"{path} lacks the column {missing and missing[0]}; write the file again")
     points = _numbers(path, [row[n] for n in names]).reshape(-1, 2)
-    return Landmarks(points, _SCHEME_OF_COUNT[count], None, index, time, str(path))
+    return Landmarks(points, SCHEME_OF_COUNT[count], None, index, time, str(path))
 
 
 def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: float) -> dict[str, str]:

@@ -82,6 +82,8 @@ _SCHEMES: dict[str, tuple[int, _Pairs]] = {
     "mediapipe468": (468, _MEDIAPIPE),
 }
 SCHEMES = tuple(_SCHEMES)
+SCHEME_OF_COUNT = {68: "ibug68", 26: "candide26"}
+"""Schemes that a file without a name for them is read as, by its number of points."""
 _REPORTED: Mapping[str, Mapping[str, tuple[int, int]]] = {
     scheme: {"right_eye_outer_corner": (33, 7), "left_eye_outer_corner": (263, 249)}
     for scheme in ("mediapipe478", "mediapipe468")

@@ -119,7 +119,8 @@ def _native_stderr_discarded() -> Iterator[None]:
         return
     own, null = sys.stderr, os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
-    with os.fdopen(saved, "w", buffering=1, closefd=False) as screen:
+    encoding = sys.__stderr__.encoding if sys.__stderr__ else "utf-8"
+    with os.fdopen(saved, "w", 1, encoding, "backslashreplace", closefd=False) as screen:
         if own is sys.__stderr__:
             sys.stderr = screen
         try:

@@ -107,9 +107,10 @@ class OverlayWriter:
     The first image sets the size; odd sizes lose their last row or column, as the format needs even ones.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, begins: float | None = None) -> None:
+        """begins: time in seconds at which the video begins, by default that of the first image."""
         self.path = path
-        self._last_pts, self._start = -1, 0.0
+        self._last_pts, self._begins = -1, begins
         with named_errors(self.path):
             self._temporary = create_temporary(path)
             try:
@@ -131,13 +132,14 @@ class OverlayWriter:
 
     def write(self, pixels: Pixels, time: float) -> None:
         """Append (H, W, 3) RGB pixels, displayed from `time` (seconds) on."""
+        if self._begins is None:
+            self._begins = time
         if self._last_pts < 0:
-            self._start = time
             self._stream.height, self._stream.width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
         even = np.ascontiguousarray(pixels[: self._stream.height, : self._stream.width])
         picture = av.VideoFrame.from_ndarray(even, format="rgb24")
         # The format needs increasing times: a frame that repeats the time of the previous one gets the next tick.
-        self._last_pts = max(round((time - self._start) / TIME_BASE), self._last_pts + 1)
+        self._last_pts = max(round((time - self._begins) / TIME_BASE), self._last_pts + 1)
         picture.pts, picture.time_base = self._last_pts, TIME_BASE
         with named_errors(self.path):
             self._container.mux(self._stream.encode(picture))

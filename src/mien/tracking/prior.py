@@ -9,15 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mien.arrays import Array
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.tracking import kernels
 from mien.tracking.solution import Pose, Prediction
 from mien.tracking.uncertainty import turn_squared
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
-MOUTH_UNITS = [k for k, unit in enumerate(TRACKED_UNITS) if "brow" not in unit]
-"""Units that move the mouth."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class StatePrior:
         self.information = np.diag(1 / sd**2)
         self.rest, self.R_first = first.animation, first.R
         self.rest_information, self.firmness = np.full(6, s.rest_animation**-2), np.full(6, s.rest_firmness)
-        self.rest_information[MOUTH_UNITS], self.firmness[MOUTH_UNITS] = s.rest_mouth**-2, s.rest_mouth_firmness
+        self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest_mouth**-2, s.rest_mouth_firmness
         self.firmness[JAW_DROP] = s.rest_jaw_firmness
 
     def arrays(self, predicted: Prediction) -> tuple[Array, ...]:

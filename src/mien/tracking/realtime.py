@@ -116,7 +116,7 @@ class RealtimeTracker:
         for _ in range(3):
             view, solution = self.solver.refine(frame, self._prediction(self.pose))
             self.pose = solution.pose
-        self.prior.R_first = self.pose.R
+        self.prior.R_first, self.first_animation = self.pose.R, self.pose.animation
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         if self.closing is None:
@@ -326,7 +326,7 @@ class RealtimeTracker:
         distance = np.sqrt(solution.d2[:n])
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
-        moved = self.pose.animation - self.prior.rest
+        moved = self.pose.animation - self.first_animation
         covariance = state_covariance(
             solution.step_covariance, d2, share, self.pose.R, moved, self.axes.first, relief_sd, learned
         )

@@ -124,14 +124,14 @@ class Solution:
     pose: Pose
     energy: float
     H: Array
-    residual: Float32  # (n, 128): what is seen of each landmark less what is expected
+    residual: Float32
     M: Array
     g: Array
     d2: Array
     B: Array
     w: Array
-    facing: Mask  # landmarks that face the camera, inside the image
-    expected: Array  # (n,) what d2 is of a look that is as it should be
+    facing: Mask
+    expected: Array
 
     @cached_property
     def step_covariance(self) -> Array:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from mien.arrays import Array, Mask
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.geometry.rotation import ray_rotation
 from mien.tracking.identity import logistic
@@ -47,7 +47,6 @@ UNIT_SCALE = np.array([0.65, 0.35, 0.4, 0.5, 0.25, 0.65])
 units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
 far."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
-_OF_MOUTH = np.array(["brow" not in unit for unit in TRACKED_UNITS])
 _LEAST_SEEN = 0.04
 """Share of a single landmark, taken where none is seen."""
 _CONFIDENCE = (-7.5, -1.8)
@@ -123,7 +122,7 @@ def _total_covariance(variance: float, spread: Any, across: float, systematic: A
     out[4, 4] += across
     for k in range(6):
         for j in range(6):
-            if _OF_MOUTH[j] == _OF_MOUTH[k]:
+            if MOVES_MOUTH[j] == MOVES_MOUTH[k]:
                 out[6 + k, 6 + k] += (UNIT_SCALE[k] * moved[j]) ** 2
     return out
 
