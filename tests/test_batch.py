@@ -345,9 +345,8 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
     (videos / ".store").mkdir()
     (videos / ".store" / "f.mp4").write_bytes(b"")
     (videos / "shown").symlink_to(videos / ".store")
-    found = {
-        str(video.resolve().relative_to(tmp_path)): table for video, table in find_videos([videos], tmp_path / "out")
-    }
+    pairs = find_videos([videos], tmp_path / "out")
+    found = {str(video.resolve().relative_to(tmp_path)): table for video, table in pairs}
     assert len(pairs) == len(found) == 6
     assert found["videos/a.mp4"] == tmp_path / "out" / "a.csv"
     assert found["videos/sub/b.avi"] == tmp_path / "out" / "sub" / "b.csv"
