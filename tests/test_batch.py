@@ -306,21 +306,6 @@ def test_a_video_that_can_no_longer_be_read_is_tried_again(
     assert _states(track_all([videos], out)) == ["tracked"] * 3
 
 
-def test_a_tracker_of_your_own_that_has_changed_is_used(
-    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    own, out = tmp_path / "changing_tracker.py", tmp_path / "out"
-    own.write_text("class Own:\n    initialize = track = None.__init__\n")
-    options = BatchOptions(preset="changing_tracker:Own")
-    done = Track.read(tmp_path / "done.csv")
-    Track(done.table, {**done.metadata, "preset": options.preset}).save(tmp_path / "done.csv")
-    track_all([videos], out, options)
-    assert _states(track_all([videos], out, options)) == ["kept"] * 3
-    os.utime(own, (time.time() + 10, time.time() + 10))
-    assert _states(track_all([videos], out, options)) == ["tracked"] * 3
-
-
 def test_files_of_an_earlier_run_are_noted(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)
@@ -354,12 +339,23 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
     assert {"elsewhere/d.mp4", "elsewhere/deeper/e.mp4", "videos/sub/c.MOV"} < set(found)
 
 
-def test_settings_that_have_changed_are_used(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
-    own, out = tmp_path / "own.json", tmp_path / "out"
-    own.write_text('{"view_rate": 0}')
-    options = BatchOptions(preset=f"realtime:{own}")
+@pytest.mark.parametrize(
+    ("file", "content", "preset"),
+    [
+        ("own.json", '{"view_rate": 0}', "realtime:own.json"),
+        ("changing_tracker.py", "class Own:\n    initialize = track = None.__init__\n", "changing_tracker:Own"),
+    ],
+)
+def test_settings_and_trackers_of_your_own_that_have_changed_are_used(
+    file: str, content: str, preset: str,
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    own, out = tmp_path / file, tmp_path / "out"
+    own.write_text(content)
+    options = BatchOptions(preset=preset)
     done = Track.read(tmp_path / "done.csv")
-    Track(done.table, {**done.metadata, "preset": options.preset}).save(tmp_path / "done.csv")
+    Track(done.table, {**done.metadata, "preset": preset}).save(tmp_path / "done.csv")
     track_all([videos], out, options)
     assert _states(track_all([videos], out, options)) == ["kept"] * 3
     os.utime(own, (time.time() + 10, time.time() + 10))
