@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.arrays import Array
 from mien.errors import require, warn
@@ -34,13 +33,19 @@ def load(path: Path) -> tuple[Sequence, ...]:
 def read_truth(path: Path, frames: int) -> Truth:
     """Read the truth of a video with this number of frames. Raises MienError if the rows do not match."""
     table = read_pose_csv(path)
-    index = _index(table, frames)
+    first = _first_frame(table, frames)
+    index = table.frame - first
     require(
         bool(index.size) and int(index.min()) >= 0 and int(index.max()) < frames,
         f"{path} describes frames up to {int(table.frame.max())} and its video has {frames}; "
         "check that they belong together",
     )
     require(len(np.unique(index)) == len(index), f"{path} has two rows for one frame; keep one of them")
+    if table.first is None and first == 0:
+        warn(
+            f"{path} has no row of the frame 0, and is read as if its frames were counted from 0; if they are counted "
+            "from 1, add the column timestamp (seconds), or a row for the last frame"
+        )
 
     def by_frame(values: Array | None) -> Array | None:
         if values is None:
@@ -54,19 +59,13 @@ def read_truth(path: Path, frames: int) -> Truth:
     return Truth(frames, rotations=by_frame(table.rotation), landmarks=landmarks, landmark_scheme=scheme)
 
 
-def _index(table: PoseTable, frames: int) -> NDArray[np.intp]:
+def _first_frame(table: PoseTable, frames: int) -> int:
+    """The number of the first frame, 0 or 1."""
     if not table.numbered:
         require_frames(len(table.frame), frames, table.source)
-    first = table.first
-    if first is None:
-        last = int(table.frame.max())
-        first = 1 if last == frames else 0
-        if last < frames:
-            warn(
-                f"{table.source} has no row of the frame 0, and is read as if its frames were counted from 0; if they "
-                "are counted from 1, add the column timestamp (seconds), or a row for the last frame"
-            )
-    return table.frame - first
+    if table.first is not None:
+        return table.first
+    return 1 if int(table.frame.max()) == frames else 0
 
 
 def _sequence(video: Path, truth: Path) -> Sequence:
