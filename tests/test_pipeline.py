@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +16,7 @@ import pytest
 
 import mien
 from mien import pipeline, start
+from mien.arrays import Pixels
 from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
@@ -289,6 +290,34 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
     with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=marks, save=tmp_path / "out")
     assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
+
+
+def test_the_window_shows_every_frame_also_before_there_is_a_face(
+    tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Window(nullcontext[Any]):
+        def __init__(self, title: str) -> None:
+            super().__init__(self)
+
+        def show(self, pixels: Pixels) -> None:
+            shown.append(pixels)
+
+    def find_face(
+        frames: Iterator[Frame], name: str, without_face: Callable[[Frame], None], *_: Any
+    ) -> tuple[Frame, Landmarks]:
+        without_face(next(frames))
+        first = next(frames)
+        return first, replace(known_portrait().landmarks, frame_index=first.index, time=first.time)
+
+    shown: list[Pixels] = []
+    monkeypatch.setattr(pipeline, "Window", Window)
+    monkeypatch.setattr(pipeline, "require_screen", lambda: None)
+    monkeypatch.setattr(start, "find_face", find_face)
+    frames = list(open_video(folder))
+    track = mien.track(iter(frames), show=True)
+    assert track.index.tolist() == list(range(6))
+    assert len(shown) == 6
+    assert len({picture.shape for picture in shown}) == 1
 
 
 def test_frames_before_the_given_landmarks_have_rows_as_of_a_file(tracker: StillTracker, folder: Path) -> None:

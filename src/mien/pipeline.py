@@ -7,7 +7,7 @@ track.to_pandas()
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -30,7 +30,7 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import checked, create_tracker, file_of
-from mien.start import TURNED_DEG, Footage, Start, before_landmarks, prepare, requested_options
+from mien.start import TURNED_DEG, Footage, Start, before_landmarks, before_start, prepare, requested_options
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Source, Video, backwards, open_video, refuse_among_images
@@ -115,9 +115,17 @@ def track(
             progress(estimate, total)
 
     check_passes(passes, footage.video, tracker, preset)
-    begin = prepare(footage, landmarks, at_once, face, report)
-    for result, _ in run_passes(Pass(begin, preset, tracker, show=show), passes, files, report):
-        files.write(result)
+    with Window(footage.video.name) if show else nullcontext() as window:
+
+        def show_waiting(frame: Frame) -> None:
+            if window is not None:
+                from mien.output.overlay import FaceOverlay, draw
+
+                window.show(draw(frame, [FaceOverlay(before_start(frame))], footage.camera_of(frame)))
+
+        begin = prepare(footage, landmarks, at_once, face, report, show_waiting)
+        for result, _ in run_passes(Pass(begin, preset, tracker, window=window), passes, files, report):
+            files.write(result)
     files.warn_if_stale(1)
     return result
 
@@ -125,13 +133,13 @@ def track(
 @dataclass(frozen=True)
 class Pass:
     """One pass of a tracker over its frames. number: 1, or more for a pass that starts with what the previous one has
-    learned; face_id: index of the face in the video."""
+    learned; window: shows the overlay; face_id: index of the face in the video."""
 
     begin: Start
     preset: str
     tracker: Tracker
     number: int = 1
-    show: bool = False
+    window: Window | None = None
     face_id: int = 0
 
 
@@ -284,22 +292,20 @@ def run(
 @contextmanager
 def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate, Tracker], None]]:
     """A function that draws a tracker's estimate on its frame: into the video `path` and on the screen, if wanted."""
-    if path is None and not this.show:
+    if path is None and this.window is None:
         yield lambda frame, estimate, tracker: None
         return
     from mien.output.overlay import FaceOverlay, OverlayWriter, draw
 
-    with ExitStack() as opened:
-        begins = this.begin.passed[0].time if this.begin.passed else None
-        writer = opened.enter_context(OverlayWriter(path, begins)) if path else None
-        window = opened.enter_context(Window(this.begin.footage.video.name)) if this.show else None
+    begins = this.begin.passed[0].time if this.begin.passed else None
+    with OverlayWriter(path, begins) if path else nullcontext() as writer:
 
         def draw_estimate(frame: Frame, estimate: Estimate, tracker: Tracker) -> None:
             picture = draw(frame, [FaceOverlay(estimate, mesh_of(tracker, estimate))], this.begin.camera)
             if writer:
                 writer.write(picture, frame.time)
-            if window:
-                window.show(picture)
+            if this.window:
+                this.window.show(picture)
 
         yield draw_estimate
 

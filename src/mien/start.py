@@ -165,12 +165,13 @@ def prepare(
     at_once: bool = False,
     face: Point | None = None,
     report: Callable[[Estimate], None] = lambda estimate: None,
+    show: Callable[[Frame], None] = lambda frame: None,
 ) -> Start:
     """Find the first frame and its landmarks: the frame of the given landmarks, else the first frame with a face or,
     unless `at_once`, a later one from which the face is learned better.
 
-    Of several faces, takes the largest or the one at the point `face`. Calls `report` for each frame before the first
-    detection. Raises MienError for bad input.
+    Of several faces, takes the largest or the one at the point `face`. Calls `report` and `show` for each frame before
+    the first detection. Raises MienError for bad input.
     """
     point = face is None or (np.shape(face) == (2,) and bool(np.isfinite(face).all()))
     require(point, f"face is {face!r}; give a point in the image as two pixel coordinates")
@@ -186,6 +187,10 @@ def prepare(
         if not seekable:
             passed.append(estimate)
 
+    def without_face(frame: Frame) -> None:
+        show(frame)
+        pass_over(before_start(frame))
+
     if face is not None:
         require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
         inside = 0 <= face[0] < earliest.width and 0 <= face[1] < earliest.height
@@ -194,7 +199,7 @@ def prepare(
     if landmarks is None:
         search = chain([earliest], frames)
         patience = None if seekable or at_once else Patience(camera, face)
-        first, landmarks = find_face(search, source.name, lambda frame: pass_over(before_start(frame)), patience, face)
+        first, landmarks = find_face(search, source.name, without_face, patience, face)
         reported = first.index
         if seekable and not at_once:
             first, landmarks = best_look(first, landmarks, camera, footage)
