@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown, with_spectacles
 from mien.appearance.regression import PoseRegression
 from mien.arrays import Array
+from mien.baselines.lefevre import LefevreTracker
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.errors import MienError
@@ -22,7 +24,7 @@ from mien.synthetic import make_sequence, moved
 from mien.tracking import person
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 from small_motion import face, run, small_motion
 from videos import known_portrait, portrait_images, turn_by_metadata, write_video
@@ -46,13 +48,14 @@ def test_the_face_is_followed(estimates: list[Estimate]) -> None:
     assert [(e.index, e.time) for e in estimates] == [(f.index, f.time) for f in sequence().frames]
 
 
-def test_frames_that_the_camera_cannot_have_taken_are_refused() -> None:
+@pytest.mark.parametrize("new", [RealtimeTracker, PaperTracker, LefevreTracker])
+def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], Tracker]) -> None:
     """They would be tracked, at angles that are wrong by tens of degrees."""
-    tracker = RealtimeTracker()
+    tracker = new()
     first = small_motion().frames[0]
     with pytest.raises(MienError, match="call initialize first"):
         tracker.track(first)
-    run(tracker, small_motion())
+    tracker.initialize(first, face().landmarks, face().camera)
     with pytest.raises(MienError, match=r"has the size \(320, 120\), the first had \(320, 240\)"):
         tracker.track(Frame(np.ascontiguousarray(first.pixels[:120]), 7))
 

@@ -20,7 +20,7 @@ from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.paper import CROP_SIZE_UNITS, in_view
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_next_of, unpack
 
 PIXELS_PER_UNIT = 64.0
 """Size of a CANDIDE unit in the trackers' crops, in pixels."""
@@ -51,11 +51,13 @@ class CandideTracker(ABC):
     least_similarity: float
     animated = True
     """Whether the tracker estimates the animation; otherwise it stays that of the first frame."""
+    size: tuple[int, int] | None = None
+    """Width and height of the first frame."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its face."""
         landmarks.check(frame.width, frame.height)
-        self.camera = camera
+        self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera)
         self.landmarks = LandmarkModel.of_first_frame(self.fit)
         self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
@@ -65,6 +67,7 @@ class CandideTracker(ABC):
 
     def track(self, frame: Frame) -> Estimate:
         """Search for the face in the next frame."""
+        require_next_of(self.size, frame)
         found = self._search(frame)
         if not in_view(self.landmarks.in_camera(found.b), self.camera, frame):
             self.b = pack(self.fit.R, self.fit.t, self.fit.animation)

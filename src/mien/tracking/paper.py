@@ -21,7 +21,7 @@ from mien.tracking.likelihood import AppearanceLikelihood, LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.posterior import Posterior
 from mien.tracking.prior import GaussianPrior, state_sd
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, unpack
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_next_of, unpack
 
 CROP_SIZE_UNITS = 2.4
 """Side of the crop in CANDIDE units: the landmarks, their patches, and room for them to move."""
@@ -54,12 +54,13 @@ class PaperTracker:
         """model: the face model, the package's own unless given; see `fit_first_frame`."""
         self.settings = settings or PaperSettings()
         self.model = model
+        self.size: tuple[int, int] | None = None
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Section 3.1: fit the first frame, render the views, learn a Gaussian per landmark."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
-        self.camera = camera
+        self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera, self.model)
         self.landmarks = LandmarkModel.of_first_frame(self.fit)
         self.scale_distance = float(self.fit.t[2])
@@ -73,6 +74,7 @@ class PaperTracker:
 
     def track(self, frame: Frame) -> Estimate:
         """Section 3.2: update the Gaussians with the last observation, then minimise Eq. (9)."""
+        require_next_of(self.size, frame)
         s = self.settings
         self.gaussians = self.gaussians.update(self.observed, s.forgetting, s.innovation == "mean")
         likelihood = self._likelihood(frame)

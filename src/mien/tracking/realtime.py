@@ -16,7 +16,7 @@ from mien.appearance.crop import is_blank
 from mien.arrays import Array
 from mien.candide.model import Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
-from mien.errors import MienError, require, warn
+from mien.errors import require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import fit_first_frame
@@ -32,7 +32,7 @@ from mien.tracking.prior import JAW_DROP, StatePrior, state_sd
 from mien.tracking.recovery import Keyframes, find_by_detector
 from mien.tracking.solution import Pose, Prediction, Solution, View
 from mien.tracking.solver import PoseSolver
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_next_of
 from mien.tracking.uncertainty import (
     confidence,
     frame_variance,
@@ -139,13 +139,8 @@ class RealtimeTracker:
 
     def track(self, frame: Frame) -> Estimate:
         """The face in the next frame; one that is lost is searched for. Raises MienError before `initialize`, and for a
-        frame whose size differs from the first one's, since the camera's numbers hold for that size."""
-        if self.size != (frame.width, frame.height):
-            require(self.size is not None, "the tracker knows no face yet; call initialize first")
-            raise MienError(
-                f"frame {frame.index} has the size {(frame.width, frame.height)}, the first had {self.size}; "
-                "scale it, as mien.stream does"
-            )
+        frame whose size differs from the first one's."""
+        require_next_of(self.size, frame)
         s = self.settings
         view, solution = self._search(frame)
         status = Status.TRACKED

@@ -10,6 +10,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
+from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, euler_from_matrix, euler_jacobian, exp, log
@@ -118,6 +119,18 @@ class Tracker(Protocol):
     def track(self, frame: Frame) -> Estimate:
         """The face in the next frame, of the size of the first."""
         ...
+
+
+def require_next_of(size: tuple[int, int] | None, frame: Frame) -> None:
+    """Raise MienError if a tracker that began with a frame of this width and height, None if it has not begun, cannot
+    track a frame: the camera's numbers hold for that size."""
+    if size == (frame.width, frame.height):
+        return
+    require(size is not None, "the tracker knows no face yet; call initialize first")
+    raise MienError(
+        f"frame {frame.index} has the size {(frame.width, frame.height)}, the first had {size}; "
+        "scale it, as mien.stream does"
+    )
 
 
 def pack(R: Array, t: Array, animation: Array) -> Array:
