@@ -7,6 +7,7 @@ import pytest
 
 from mien.arrays import Array
 from mien.candide.model import Candide
+from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
 from mien.initialization.fit import (
@@ -139,6 +140,13 @@ def test_an_outlier_does_not_pull_the_face() -> None:
     landmarks = _projected(PRIOR.mean, REST, R, t, "ibug68")
     landmarks.points[36] += [25, -15]
     assert _degrees(fit_first_frame(landmarks, CAMERA), R) < 3
+
+
+def test_landmarks_that_no_face_has_are_refused() -> None:
+    landmarks = _projected(PRIOR.mean, REST, *_pose(7), "ibug68")
+    landmarks.points[36] = [-300, -300]
+    with pytest.raises(MienError, match="no face fits the landmarks"):
+        fit_first_frame(landmarks, CAMERA)
 
 
 @pytest.mark.parametrize("deep", [False, True])

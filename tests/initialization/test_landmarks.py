@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,14 @@ def test_mirrored_landmarks_are_refused() -> None:
     for wrong in (points * [-1, 1] + [320, 0], points * [1, -1] + [0, 240]):
         with pytest.raises(MienError, match=r"face\.json: the landmarks are mirrored"):
             Landmarks(wrong, "candide26", source="face.json").check(320, 240)
+
+
+def test_depths_in_another_unit_are_refused() -> None:
+    landmarks = _spread(size=100)
+    across = landmarks.points[:, 0]
+    replace(landmarks, depths=across).check(320, 240)
+    with pytest.raises(MienError, match="the depths span .* give depths in pixels"):
+        replace(landmarks, depths=100 * across).check(320, 240)
 
 
 def test_small_faces_are_refused() -> None:

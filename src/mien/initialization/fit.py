@@ -37,6 +37,9 @@ likelihood of later rotations, over first frames at 0 to 45 degrees of nine peop
 FRONTAL_SHARE, FRONTAL_SD_DEG, ELSEWHERE_SD_DEG = 0.5, 3.0, 20.0
 """Prior of the facing direction in the first frame: this fraction of people look into the camera, with the first
 standard deviation in degrees; the others look elsewhere, with the second."""
+LARGEST_MISFIT = 0.15
+"""Residual over the size of the face beyond which the landmarks are not those of a face: the worst point of a detected
+one is off by 0.08 at most. The fit withstands single outliers, but not one that is several faces away."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     """Fit a face model, with the six tracked animation units, to the landmarks of the first frame.
 
     model: by default the package's own; another must have the vertices of CANDIDE-3, in its order, and its animation
-    units by name, as from `read_wfm(path).model`. Raises MienError for a model that lacks any.
+    units by name, as from `read_wfm(path).model`. Raises MienError for a model that lacks any, and for landmarks that
+    no face fits.
     """
     model, prior = _default_model() if model is None else tracked_model(model)
     vertices, points, depths = landmarks.correspondences()
@@ -105,6 +109,11 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     x0 = np.zeros(problem.size)
     x0[3:6] = t
     x = _minimize(problem, x0)
+    residual_px = float(np.sqrt(np.mean(((problem.image(x) - points) ** 2).sum(axis=1))))
+    require(
+        bool(residual_px <= LARGEST_MISFIT * np.ptp(points, axis=0).max()),  # not if it is NaN
+        f"{landmarks.source}: no face fits the landmarks; correct points that lie far from where they belong",
+    )
     R_fit, t = exp(x[:3]) @ R, x[3:6]
     R, axes_sd = most_likely_facing(R_fit, t)
     turn = R.T @ R_fit
@@ -115,7 +124,7 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
         animation=x[problem.animation_slice],
         shape=shape,
         coefficients=x[problem.shape_slice],
-        residual_px=float(np.sqrt(np.mean(((problem.image(x) - points) ** 2).sum(axis=1)))),
+        residual_px=residual_px,
         mm_per_unit=mm_per_unit(shape),
         model=model.turned(turn),
         prior=prior,

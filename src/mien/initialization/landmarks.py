@@ -117,6 +117,8 @@ def rows_reported(scheme: str) -> dict[str, NDArray[np.intp]]:
 
 
 MINIMUM_FACE_PX = 40.0
+_DEEPEST = 4.0
+"""Largest range of the depths, over the size of the face."""
 _TRIANGLE = ("right_eye_outer_corner", "left_eye_outer_corner", "lower_lip_outer")
 _LEAST_MIRRORED = 0.3
 """Landmarks are mirrored if the eyes are reversed by more than this, over their height above the mouth; below it, they
@@ -174,7 +176,8 @@ class Landmarks:
         return bool(low.min() >= -margin and high[0] <= width - 1 + margin and high[1] <= height - 1 + margin)
 
     def check(self, width: int, height: int) -> None:
-        """Raise MienError for points outside the image, mirrored landmarks, and faces too small to track."""
+        """Raise MienError for points outside the image, mirrored landmarks, faces too small to track, and depths that
+        are not in pixels."""
         require(
             self.are_inside(width, height),
             f"{self.source}: landmarks lie outside the image of {width}x{height} pixels; "
@@ -189,6 +192,12 @@ class Landmarks:
             size >= MINIMUM_FACE_PX,
             f"{self.source}: the face measures {size:.0f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
             "enlarge or crop the video",
+        )
+        depths = 0.0 if self.depths is None else float(np.ptp(self.depths))
+        require(
+            depths <= _DEEPEST * size,
+            f"{self.source}: the depths span {depths:.0f} pixels and the face measures {size:.0f}; give depths in "
+            "pixels of the image, or none",
         )
 
     def _mirrored(self) -> bool:
