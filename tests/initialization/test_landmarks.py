@@ -118,7 +118,7 @@ def test_depths_in_another_unit_are_refused() -> None:
     landmarks = _spread(size=100)
     across = landmarks.points[:, 0]
     replace(landmarks, depths=across).check(320, 240)
-    with pytest.raises(MienError, match="the depths span .* give depths in pixels"):
+    with pytest.raises(MienError, match=r"the depths span .* give depths in pixels"):
         replace(landmarks, depths=100 * across).check(320, 240)
 
 
