@@ -19,7 +19,7 @@ from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
 from mien.output import columns
-from mien.output.columns import ROTATION
+from mien.output.columns import EYES_CLOSED_SD, ROTATION
 from mien.output.track import BATCH, Recorder, Track, track_paths
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 
@@ -301,6 +301,31 @@ def test_read_refuses_a_damaged_parquet(track: Track, tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(MienError, match=r"out\.parquet"):
         Track.read(path)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "told"), [("status", "seen", "unknown status seen"), ("confidence", "", "is empty")]
+)
+def test_read_names_a_cell_that_no_track_has(column: str, cell: str, told: str, track: Track, tmp_path: Path) -> None:
+    track.save(tmp_path / "out.csv")
+    header, first, *rows = (tmp_path / "out.csv").read_text().splitlines()
+    cells = first.split(",")
+    cells[header.split(",").index(column)] = cell
+    (tmp_path / "out.csv").write_text("\n".join([header, ",".join(cells), *rows]))
+    with pytest.raises(MienError, match=rf"out\.csv.*{told}"):
+        Track.read(tmp_path / "out.csv")
+
+
+def test_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -> None:
+    words = ['smiles, "broadly"'] * len(track)
+    replace(track, table=track.table.append_column("note", pa.array(words))).save(tmp_path / "out.csv")
+    assert Track.read(tmp_path / "out.csv").table["note"].to_pylist() == words
+
+
+def test_a_track_without_the_deviation_of_the_eyes_is_plotted(track: Track, tmp_path: Path) -> None:
+    part = replace(track, table=track.table.drop_columns([EYES_CLOSED_SD]))
+    assert part.eyes_closed is not None
+    part.plot(tmp_path / "out.png")
 
 
 def test_columns_of_ones_own_are_no_landmarks(track: Track) -> None:

@@ -22,7 +22,7 @@ from mien.tracking.state import EYES_CLOSED, Closing, Estimate, Status, TrackedL
 
 TRANSLATION = ("pose_Tx", "pose_Ty", "pose_Tz")
 ROTATION = ("pose_Rx", "pose_Ry", "pose_Rz")
-_TEXT_COLUMNS = ("status", "reason")
+TEXT_COLUMNS = ("status", "reason")
 _FRAME_COLUMNS = ("frame", "face_id", "timestamp")
 _INTEGER_COLUMNS = ("frame", "face_id", "success")
 _CSV_SAFE = str.maketrans({",": ";", '"': "'", "\n": " ", "\r": " "})
@@ -185,7 +185,7 @@ def column_type(name: str) -> pa.DataType | None:
     stem, _, number = name.rpartition("_")
     if name not in _STEMS and not (stem in _STEMS and number.isdecimal()):
         return None
-    return pa.string() if name in _TEXT_COLUMNS else pa.int64() if name in _INTEGER_COLUMNS else pa.float64()
+    return pa.string() if name in TEXT_COLUMNS else pa.int64() if name in _INTEGER_COLUMNS else pa.float64()
 
 
 def sort_columns(names: Sequence[str]) -> list[str]:
@@ -197,7 +197,7 @@ def _stems() -> Iterator[str]:
     """All column names in the order of the file; the stem for numbered columns."""
     yield from ("frame", "face_id", "timestamp", "confidence", "success")
     for group in (*_POSE, None, *_OTHER):
-        names = _TEXT_COLUMNS if group is None else group.names
+        names = TEXT_COLUMNS if group is None else group.names
         yield from [names] if isinstance(names, str) else names
 
 

@@ -42,8 +42,9 @@ def plot_track(track: Track, path: Path) -> None:
         if track.eyes_closed is not None:
             names.append("eyes closed")
             animation = np.column_stack([animation, track.eyes_closed])
-            if sd is not None and track.eyes_closed_sd is not None:
-                sd = np.column_stack([sd, track.eyes_closed_sd])
+            if sd is not None:
+                unknown = np.full(len(animation), np.nan)
+                sd = np.column_stack([sd, unknown if track.eyes_closed_sd is None else track.eyes_closed_sd])
         _plot_series(axes[1], track.time, animation, sd, names)
         axes[1].set_ylabel("animation (0 neutral, 1 full)")
     _plot_confidence(axes[-1], track.time, track.confidence)

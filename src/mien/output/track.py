@@ -29,6 +29,7 @@ from mien.output.columns import (
     EYES_CLOSED_SD,
     ROTATION,
     ROTATION_SD,
+    TEXT_COLUMNS,
     TRANSLATION,
     column_type,
     estimate_from_row,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 ENDINGS = (".csv", ".json", ".parquet")
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
+_IN_EVERY_ROW = {"frame", "timestamp", "confidence", "success", "status"}
 BATCH = 256
 """Number of estimates that the recorder buffers in memory before it writes them to its file."""
 
@@ -212,8 +214,12 @@ class Track:
             metadata = json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
         except (pa.ArrowException, OSError, ValueError, CSVError) as error:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
-        missing = {"frame", "timestamp", "confidence", "success", "status"} - set(table.column_names)
+        missing = _IN_EVERY_ROW - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
+        empty = sorted(name for name in _IN_EVERY_ROW if table.column(name).null_count)
+        require(not empty, f"{path}: a cell of the column {', '.join(empty)} is empty; fill it, or delete the row")
+        unknown = set(table.column("status").to_pylist()) - {status.value for status in Status}
+        require(not unknown, f"{path}: unknown status {', '.join(map(str, sorted(unknown)))}; correct it")
         require(isinstance(metadata, dict), f"{beside} is not the JSON of a track of mien; track the video again")
         return cls(table, metadata)
 
@@ -240,7 +246,9 @@ class Track:
     def _write_csv(self, path: Path) -> None:
         from pyarrow import csv
 
-        options = csv.WriteOptions(include_header=False, quoting_style="none")
+        text = {field.name for field in self.table.schema if pa.types.is_string(field.type)}
+        quoting = "none" if text <= set(TEXT_COLUMNS) else "needed"  # a column of your own may contain commas
+        options = csv.WriteOptions(include_header=False, quoting_style=quoting)
         with path.open("wb") as f:
             f.write((",".join(self.table.column_names) + "\n").encode())
             csv.write_csv(self.table, f, options)
