@@ -162,6 +162,10 @@ def test_camera_is_given_in_one_of_three_ways(folder: Path, tmp_path: Path) -> N
             camera(**how)
     with pytest.warns(MienWarning, match=r"at 960, 540, lies outside the image of 320x240"):
         camera(Camera(1800, 960, 540))
+    of_track = {"camera": {"focal_px": 100, "cx": 2, "cy": 3}, "video": {"width": 640, "height": 480}}
+    (tmp_path / "c.json").write_text(json.dumps(of_track))
+    with pytest.warns(MienWarning, match=r"camera of a video of 640x480 pixels, and this one has 320x240"):
+        assert camera(tmp_path / "c.json") == Camera(100, 2, 3)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])

@@ -94,7 +94,7 @@ class Footage:
             fov_deg = DEFAULT_FOV_DEG if self.fov_deg is None else self.fov_deg
             camera = Camera.from_fov(frame.width, frame.height, fov_deg)
         else:
-            camera = self.camera if isinstance(self.camera, Camera) else read_camera(self.camera)
+            camera = self.camera if isinstance(self.camera, Camera) else read_camera(self.camera, frame)
         widest = 0.5 * frame.width / math.tan(math.radians(_WIDEST_DEG) / 2)
         require(
             camera.focal_px >= widest,
@@ -354,13 +354,20 @@ def find_face(
     return first, replace(faces[0], source=f"{name}, detected face")
 
 
-def read_camera(path: str | Path) -> Camera:
-    """Read a camera from JSON {"focal_px": .., "cx": .., "cy": ..}, or from the NAME.json of a track."""
+def read_camera(path: str | Path, frame: Frame | None = None) -> Camera:
+    """Read a camera from JSON {"focal_px": .., "cx": .., "cy": ..}, or from the NAME.json of a track; warns if that was
+    of images of another size than the frame's."""
     require(isinstance(path, (str, Path)), f"the camera is {type(path)}; give mien.Camera or the name of a JSON file")
     path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
+        tracked = values.get("video", {})
         values = values.get("camera", values)
+        if frame and "width" in tracked and (tracked["width"], tracked["height"]) != (frame.width, frame.height):
+            warn(
+                f"{path} has the camera of a video of {tracked['width']}x{tracked['height']} pixels, and this one has "
+                f"{frame.width}x{frame.height}; if it was scaled, scale focal_px, cx and cy alike"
+            )
         return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
     except MienError as error:
         raise MienError(f"{path}: {error}") from error
