@@ -90,18 +90,19 @@ def compared(track: mien.Track, opening: dict[int, float]) -> list[str]:
 def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
-    columns = ("recording", "correlation", "shut", "open", "blinks", "frames")
-    columns += tuple(f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS"))
+    of_nods = [f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS")]
+    columns = ("recording", "blinks", "frames", *of_nods, "correlation", "shut", "open")
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
     for path in paths:
         opening = openings(path, seconds)
         found = blinks(opening)
         tracks = [mien.track(path, preset=preset, end=seconds) for preset in TRACKERS.values()]
         nods = [nods_deg(rotations(track), found) for track in tracks]
-        cells = [path.stem, *compared(tracks[0], opening), str(len(found)), str(len(nods[0]))]
+        figures = [""] * len(of_nods)
         if len(nods[0]):
-            figures = ((nod[:, 0].mean(), np.sqrt((nod**2).sum(axis=1).mean())) for nod in nods)
-            cells += [f"{value:.2f}" for both in figures for value in both]
+            both = ((nod[:, 0].mean(), np.sqrt((nod**2).sum(axis=1).mean())) for nod in nods)
+            figures = [f"{value:.2f}" for pair in both for value in pair]
+        cells = [path.stem, str(len(found)), str(len(nods[0])), *figures, *compared(tracks[0], opening)]
         print(f"| {' | '.join(cells)} |", flush=True)
 
 
