@@ -3,8 +3,8 @@
 `OMP_NUM_THREADS=1 python benchmarks/translation.py PATH`, with PATH a folder of rendered sequences; landmarks from the
 detector. What a track cannot know is fitted to the truth first, once for a sequence: the unit of length, and which
 point of the head is its origin; by least squares, each coordinate weighed by the tracker's own deviation, since depth
-is known ten times less well than the rest. Errors are root mean squares in units of the truth, about centimetres, at a
-distance of about a metre; the shares those of the errors inside the 90 per cent intervals.
+is known ten times less well than the rest. Errors are root mean squares in tenths of a unit of the truth, about
+millimetres, at a distance of about a metre; the shares those of the errors inside the 90 per cent intervals.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ def main() -> None:
     for sequence in load_dataset("rendered", path):
         truth = truth_of(path, sequence.name)["t"]
         every.setdefault(sequence.kind, []).append(errors(prepare(sequence), truth))
-    columns = ("", "x", "y", "z", "in 90 %", "of x, y, z")
+    columns = ("", "x, mm", "y, mm", "z, mm", "in 90 %", "of x, y, z")
     print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
     for kind, of_kind in every.items():
         error, sd = (np.concatenate(column) for column in zip(*of_kind, strict=True))
-        off = " | ".join(f"{rms:.2f}" for rms in np.sqrt((error**2).mean(axis=0)))
+        off = " | ".join(f"{10 * rms:.1f}" for rms in np.sqrt((error**2).mean(axis=0)))
         inside = [100 * coverage(error[:, k], sd[:, k], ANGLE_LEVEL) for k in range(3)]
         shares = ", ".join(f"{share:.0f}" for share in inside)
         print(f"| {kind} | {off} | {np.mean(inside):.0f} | {shares} |")
