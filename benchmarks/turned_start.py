@@ -35,8 +35,10 @@ KINDS = tuple(f"{low} to {high} degrees" for low, high in pairwise(TURNS_DEG))
 
 
 def begun_at(run: Run, first: int) -> Run | None:
-    """A run from one of its frames to the end, and from there backwards; None where no face is found in that frame."""
-    landmarks, end = detect(run.frames[first]), len(run.frames)
+    """A run from one of its frames to the end, and from there backwards; None where there is no such frame, or no face
+    is found in it."""
+    end = len(run.frames)
+    landmarks = detect(run.frames[first]) if first < end else []
     if not landmarks or run.truth.rotations is None:
         return None
     order = [*range(first, end), *reversed(range(end - 1))]

@@ -48,6 +48,12 @@ def test_json_reads_back_as_it_was(tmp_path: Path, scheme: str, deep: bool) -> N
     assert read.source == str(tmp_path / "l.json")
 
 
+def test_json_of_an_editor_that_marks_its_encoding_is_read(tmp_path: Path) -> None:
+    write_landmarks(tmp_path / "marks.json", IBUG)
+    (tmp_path / "marks.json").write_text((tmp_path / "marks.json").read_text(), encoding="utf-8-sig")
+    np.testing.assert_array_equal(read_landmarks(tmp_path / "marks.json").points, IBUG.points)
+
+
 def test_json_has_a_point_on_each_line(tmp_path: Path) -> None:
     write_landmarks(tmp_path / "l.json", IBUG)
     x, y = POINTS[0].tolist()

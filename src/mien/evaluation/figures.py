@@ -180,7 +180,7 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     for axis in (above, below):
         _tidy(axis)
     if above.get_legend_handles_labels()[1]:
-        above.legend(frameon=False, loc="upper left")
+        above.legend(frameon=False, loc="lower right")
     return figure
 
 

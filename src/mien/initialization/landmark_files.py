@@ -56,7 +56,7 @@ def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
 
 
 def _read_json(path: Path, index: int, time: float) -> Landmarks:
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8-sig")
     try:
         values: dict[str, Any] = json.loads(text)
         values = values.get("landmarks", values)  # NAME.json of a track contains those of its first frame
