@@ -190,7 +190,7 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
         f"{out} holds the videos; choose another folder for the tables with -o",
     )
     below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES and not _is_overlay(file))
-    shown = (file for file in below if not any(part.startswith(".") for part in file.relative_to(path).parts))
+    shown = (file for file in below if not file.name.startswith("."))
     videos = [file for file in shown if not real_path(file).is_relative_to(real_path(out))]
     yield from ((file, file.relative_to(path)) for file in videos)
     if not videos and list_images(path):

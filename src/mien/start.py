@@ -173,9 +173,7 @@ def prepare(
     Of several faces, takes the largest or the one at the point `face`. Calls `report` and `show` for each frame before
     the first detection. Raises MienError for bad input.
     """
-    point = face is None or (np.shape(face) == (2,) and bool(np.isfinite(face).all()))
-    require(point, f"face is {face!r}; give a point in the image as two pixel coordinates")
-    face = face if face is None else (float(face[0]), float(face[1]))
+    face = face if face is None else _as_point(face)
     source, frames = footage.video, footage.frames()
     earliest = next(frames)
     camera = footage.camera_of(earliest)
@@ -193,9 +191,7 @@ def prepare(
 
     if face is not None:
         require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
-        inside = 0 <= face[0] < earliest.width and 0 <= face[1] < earliest.height
-        size = f"{earliest.width}x{earliest.height}"
-        require(inside, f"--face {face[0]:g} {face[1]:g} lies outside the image of {size} pixels")
+        _require_inside(face, earliest)
     if landmarks is None:
         search = chain([earliest], frames)
         patience = None if seekable or at_once else Patience(camera, face)
@@ -215,6 +211,19 @@ def prepare(
     since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
     rounded = _rounded_as_saved(landmarks)
     return Start(footage, first, frames, rounded, camera, since, reported, at_once, face, tuple(passed))
+
+
+def _as_point(face: Point) -> Point:
+    """A point as plain numbers. Raises MienError if it is none."""
+    valid = np.shape(face) == (2,) and bool(np.isfinite(face).all())
+    require(valid, f"face is {face!r}; give a point in the image as two pixel coordinates")
+    return float(face[0]), float(face[1])
+
+
+def _require_inside(face: Point, frame: Frame) -> None:
+    x, y = face
+    inside = 0 <= x < frame.width and 0 <= y < frame.height
+    require(inside, f"--face {x:g} {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
 
 
 def before_start(frame: Frame) -> Estimate:

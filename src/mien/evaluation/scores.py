@@ -50,6 +50,11 @@ class Score:
         return compare(self.protocol, truth, track.rotation, track.rotation_covariance)
 
     @property
+    def has_pose(self) -> bool:
+        """Whether a true pose is known, and the tracker gives one."""
+        return self.comparison is not None
+
+    @property
     def frames(self) -> int:
         return 0 if self.result.track is None else self.result.track.frames
 
@@ -180,7 +185,7 @@ class Scores:
 
     def with_pose(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
         """Those of them that have a true pose."""
-        return tuple(s for s in self.for_tracker(tracker, kind) if s.comparison is not None)
+        return tuple(s for s in self.for_tracker(tracker, kind) if s.has_pose)
 
 
 def load_scores(out: Path, protocol: str | None = None) -> Scores:

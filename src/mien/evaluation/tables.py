@@ -73,7 +73,7 @@ def published_and_measured(scores: Scores) -> Table | None:
         rows += [(name, "published: BUFT, 45 sequences", NONE, *cells) for name, *cells in REBASED_REFERENCES]
     rows += [
         (t, f"measured here: {scores.evaluation.dataset} {k}, {_sequences(chosen)}", *_table_1_cells(scores, chosen))
-        for t, k, chosen in _by_kind(scores, _has_pose)
+        for t, k, chosen in _by_kind(scores, lambda s: s.has_pose)
     ]
     threshold = f"P_s counts frames whose e_i is at most ({scores.evaluation.lost_deg:g} degrees)². "
     of_paper = "E is over these frames. " if scores.protocol is Protocol.PAPER else "E is over all frames. "
@@ -106,7 +106,7 @@ def by_kind(scores: Scores) -> Table:
 def angles_by_kind(scores: Scores) -> Table:
     """Errors of each angle, lost frames and P_s, for each kind."""
     rows = []
-    for tracker, kind, chosen in _by_kind(scores, _has_pose):
+    for tracker, kind, chosen in _by_kind(scores, lambda s: s.has_pose):
         tilt, pan, roll = pooled_errors(chosen)
         lost, frames = sum(s.lost for s in chosen), sum(s.frames for s in chosen)
         p_s = success_rate(chosen, scores.evaluation.lost_deg)
@@ -181,7 +181,7 @@ def false_movements(scores: Scores) -> Table:
 
 def calibration(scores: Scores) -> Table:
     """Coverage of the intervals, normalised squared error, and calibration error of the confidence."""
-    by_kind = _by_kind(scores, _has_pose)
+    by_kind = _by_kind(scores, lambda s: s.has_pose)
     rows = [(tracker, kind, *_calibration_cells(chosen)) for tracker, kind, chosen in by_kind]
     levels = tuple(f"{level:.0%} interval (%)" for level in metrics.COVERAGE_LEVELS)
     angles = tuple(f"{metrics.ANGLE_LEVEL:.0%} of {angle} (%)" for angle in ("tilt", "pan", "roll"))
@@ -319,10 +319,6 @@ def _by_kind(scores: Scores, wanted: Callable[[Score], bool]) -> Iterator[tuple[
             chosen = [s for s in scores.for_tracker(tracker, kind) if wanted(s)]
             if chosen:
                 yield tracker, kind, chosen
-
-
-def _has_pose(score: Score) -> bool:
-    return score.comparison is not None
 
 
 def _done(scores: Scores, tracker: str) -> str:
