@@ -107,6 +107,14 @@ class RealtimeSettings(Settings):
     jaw_retry_distance: float = Field(
         4.0, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
     )
+    mouth_retry_distance: float = Field(
+        1.0, gt=0, description="relative distance of the mouth above which it is tried at rest"
+    )
+    mouth_retry_share: float = Field(
+        0.6, ge=0, description="fraction of that distance below which it is at rest; 0: never"
+    )
+    mouth_retry_interval: int = Field(5, ge=2, description="frames between such trials")
+    mouth_retry_moved: float = Field(0.1, gt=0, description="animation above which the mouth is tried at rest")
     velocity: float = Field(0.5, ge=0, le=1, description="fraction of the last motion that is extrapolated")
     prior_rotation_deg: float = Field(10.0, gt=0, description="standard deviation of the change per frame: degrees")
     prior_translation: float = Field(
@@ -131,6 +139,9 @@ class RealtimeSettings(Settings):
     motion_iterations: int = Field(8, ge=1, description="maximum number of iterations of the alignment")
     motion_tolerance: float = Field(3.0, gt=0, description="energy decrease below which the alignment stops")
     motion_robust_factor: float = Field(1.2, gt=0, description="relative residual at which the weight is a quarter")
+    motion_mouth_share: float = Field(
+        0.4, gt=0, description="the same in patches of the mouth, as a fraction of their contrast"
+    )
     motion_noise: float = Field(
         100.0, gt=0, description="variance of the motion, relative to that of independent pixels"
     )
@@ -151,8 +162,8 @@ class RealtimeSettings(Settings):
     rest_firmness: float = Field(22.0, ge=0, description="relative increase of that inverse variance at rest")
     rest_mouth_firmness: float = Field(480.0, ge=0, description="the same for the mouth's units")
     rest_jaw_firmness: float = Field(360.0, ge=0, description="the same for jaw_drop, which moves readily")
-    rest_within: float = Field(0.04, gt=0, description="animation at which half of that increase remains")
-    rest_turn_deg: float = Field(12.0, gt=0, description="rotation of the head at which these variances are halved")
+    rest_within: float = Field(0.035, gt=0, description="animation at which half of that increase remains")
+    rest_turn_deg: float = Field(10.0, gt=0, description="rotation of the head at which these variances are halved")
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     hidden_depth: float = Field(0.2, gt=0, description="depth behind the face's own surface above which it is hidden")
     sidelong_weight: float = Field(0.03, gt=0, le=1, description="weight of a view that sees a landmark edge-on")

@@ -10,6 +10,7 @@ import pytest
 
 from mien.appearance.views import rotation
 from mien.arrays import Array
+from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.rotation import angle_between, exp
@@ -77,10 +78,27 @@ def test_what_comes_before_the_face_is_left_out(tracker: RealtimeTracker, next_f
     assert _error_deg(tracker, found) < 0.6
 
 
+@pytest.mark.parametrize("step", [0.25, 0.5])
+def test_a_mouth_that_widens_at_once_is_measured(step: float) -> None:
+    """By some 1.5 and 3 pixels of the crop at either corner, while the rest of the face stays: half of it, as the skin
+    next to the corners moves less. Where its patches are outliers among those of the head, a third and none are."""
+    animation = np.zeros((2, 6))
+    animation[1, TRACKED_UNITS.index("lip_stretcher")] = step
+    frames = make_sequence(face(), moved(face(), np.zeros((2, 3)), np.zeros((2, 3)), animation)).frames
+    tracker = RealtimeTracker()
+    tracker.initialize(frames[0], face().landmarks, face().camera)
+    found = _measured(tracker, frames[1])
+    widened = (found.animation - tracker.pose.animation) / step
+    wide = np.array([unit == "lip_stretcher" for unit in TRACKED_UNITS])
+    assert widened[wide] > 0.4
+    assert np.abs(widened[MOVES_MOUTH & ~wide]).max() < 0.2
+    assert np.degrees(angle_between(found.R, tracker.pose.R)) < 0.2
+
+
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker.solver.view(tracker.face.fine, next_frame, tracker.pose)
     person, prior = tracker.person.arrays, tracker.prior.arrays(tracker._prediction(tracker.pose))
-    motion = Motion(tracker.face.patches, tracker.settings)
+    motion = Motion(tracker.face.patches, tracker.person.mouth, tracker.settings)
     motion.remember(view.image, person, tracker.pose.arrays, view.geometry)
     (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
     np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
@@ -116,7 +134,7 @@ def test_drift_by_hand() -> None:
         motion_rotation_deg=0.3, motion_translation=0.01, motion_animation=0.02, motion_share=0.5, prior_jaw=0.8
     )
     step = np.array([0.03, 0.04, 0, 0, 0, 0.2, *np.zeros(5), 0.1])
-    found = Motion(np.zeros((2, 4, 3)), settings).drift(step)
+    found = Motion(np.zeros((2, 4, 3)), np.ones(2, bool), settings).drift(step)
     np.testing.assert_allclose(found[:3], np.radians(0.3) ** 2 + 0.025**2)
     np.testing.assert_allclose(found[3:6], 0.01**2 + 0.1**2)
     assert found[11] == pytest.approx(0.02**2 + 0.05**2)

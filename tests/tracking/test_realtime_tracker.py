@@ -238,6 +238,20 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
     assert (tracker.motion.weight < 0.1).all()
 
 
+def test_a_mouth_that_was_lost_is_found_at_rest() -> None:
+    """Where something took it along and has gone: too far from its place for the solver, as if by a hand."""
+    tracker = RealtimeTracker()
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    rest = tracker.pose.animation
+    taken = rest.copy()
+    taken[TRACKED_UNITS.index("upper_lip_raiser")] += 1.4
+    tracker.pose = replace(tracker.pose, animation=taken)
+    tracker._remember(frame, *tracker.solver.refine(frame, tracker._prediction(tracker.pose)))
+    tracker.track(frame)
+    np.testing.assert_allclose(tracker.pose.animation, rest, atol=0.1)
+
+
 def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)

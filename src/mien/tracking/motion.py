@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from mien.arrays import Array, Float32
+from mien.arrays import Array, Float32, Mask
+from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.tracking.definite import inverse_definite, solve_positive
@@ -36,6 +37,8 @@ from mien.tracking.prior import JAW_DROP
 
 _RIGID = 6
 """Entries of a pose step that rotate and translate the head, before those of the animation."""
+_HELD = 1e12
+"""Information that keeps an entry of a pose step at zero."""
 _LEAST_GREY = 1.0
 """Grey values: a smaller residual is due to chance."""
 
@@ -44,8 +47,9 @@ class Motion:
     """The patches around the landmarks in the last frame, and their alignment with the next. weight: (n,) how far each
     patch counts in the next measurement."""
 
-    def __init__(self, patches: Array, settings: RealtimeSettings) -> None:
-        """patches: (n, m, 3) points around each landmark, relative to it, head axes."""
+    def __init__(self, patches: Array, mouth: Mask, settings: RealtimeSettings) -> None:
+        """patches: (n, m, 3) points around each landmark, relative to it, head axes; mouth: (n,) which of them are on
+        the mouth."""
         self.settings = settings
         self.patches = np.ascontiguousarray(np.swapaxes(patches, 1, 2))  # by coordinate: read several points at a time
         floor = np.repeat(
@@ -56,6 +60,8 @@ class Motion:
         self.least_drift = floor**2
         self.template: tuple[Any, ...] | None = None
         self.weight = np.zeros(len(patches))
+        self.mouth = mouth
+        self.held = np.diag(np.append(np.full(_RIGID, _HELD), np.where(MOVES_MOUTH, 0.0, _HELD)))
 
     def remember(
         self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array], view: tuple[Array, ...]
@@ -70,12 +76,22 @@ class Motion:
         self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]
     ) -> tuple[tuple[Array, Array, Array], Array]:
         """The pose (R, t, animation) at which a crop shows the patches best, and the covariance (12, 12) of a step from
-        it, in units of the energy of Eq. (9). prior: predicted pose and information, as `kernels.solve`'s."""
+        it, in units of the energy of Eq. (9). prior: predicted pose and information, as `kernels.solve`'s.
+
+        The head's motion is that of most patches. A mouth moves differently, and is an outlier among them: its units
+        are aligned once more with the head held, and each of its patches compared with its own contrast."""
         s = self.settings
+        assert self.template is not None, "the last frame is remembered before a motion is measured"
+        contrast = self.template[1] ** 2 / self.patches.shape[2]
         R, t, a, information = align(
             image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
-            s.motion_iterations, s.motion_tolerance,
+            np.zeros_like(contrast), s.motion_iterations, s.motion_tolerance,
         )  # fmt: skip
+        held = (R, t, a, prior[3] + self.held, *prior[4:])
+        a = align(
+            image, person, self.patches, self.template, self.weight * self.mouth, held, view, s.motion_robust_factor,
+            s.motion_mouth_share**2 * contrast, s.motion_iterations, s.motion_tolerance,
+        )[2]  # fmt: skip
         return (R, t, a), inverse_definite(information / s.motion_noise + prior[3])
 
     def drift(self, step: Array) -> Array:
@@ -181,11 +197,12 @@ def _compare(patch: Any, values: Any, norm: float) -> Any:
 @kernel()
 def align(
     image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
-    iterations: int, tolerance: float,
+    tolerated: Any, iterations: int, tolerance: float,
 ) -> Any:  # fmt: skip
     """Gauss-Newton from the prior's pose, with the derivatives of the last frame, until a step promises a gain below
     `tolerance`. Returns R, t, a and the information (12, 12) of the pixels, taken as independent. A patch loses its
-    weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame."""
+    weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame, and its square
+    that of `tolerated` (n,)."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
     projection = projection_of(view)
@@ -207,7 +224,7 @@ def align(
                 for j in range(m):
                     residual[i, j] = _bilinear(image, q[0, j], q[1, j])[0]
                 off[i] = _compare(residual[i], values[i], norms[i])
-                ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
+                ratio = 1.0 / (1.0 + off[i] / max(robust * robust * usual, tolerated[i]))
                 total += active[i] * ratio * ratio
                 squared += active[i] * ratio * ratio * off[i]
         usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
@@ -218,7 +235,7 @@ def align(
         for i in range(n):
             if active[i] <= 0.0:
                 continue
-            ratio = 1.0 / (1.0 + off[i] / (robust * robust * usual))
+            ratio = 1.0 / (1.0 + off[i] / max(robust * robust * usual, tolerated[i]))
             w = active[i] * ratio * ratio / usual
             for r in range(_RIGID):
                 s = np.float32(0.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from mien.appearance.crop import is_blank
 from mien.arrays import Array
-from mien.candide.model import Candide, lid_closing, with_eyes_closed
+from mien.candide.model import MOVES_MOUTH, Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
 from mien.errors import require, warn
 from mien.frame import Frame
@@ -100,11 +100,11 @@ class RealtimeTracker:
         self.prior = StatePrior(self.pose, s)
         self.solver = PoseSolver(self.person, camera, self.prior, s)
         self.velocity = np.zeros(12)
-        self.motion = Motion(self.face.patches, s)
+        self.motion = Motion(self.face.patches, self.person.mouth, s)
         self.identity = Identity(1.0 - self.person.temples)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
-        self.lost_frames = self.doubted_frames = 0
+        self.lost_frames = self.doubted_frames = self.strange_mouth_frames = 0
         settled = self._refine_first_pose(frame)
         self.axes = HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, s)
         self.landmark_offsets = self._landmark_offsets(landmarks)
@@ -239,7 +239,7 @@ class RealtimeTracker:
         blinking = self.closing is not None and self.closing.share > s.closing_share
         if blinking and not self.lost_frames and not self._misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
-        best = self._open_mouth(view, best, moved)
+        best = self._relax_mouth(view, self._open_mouth(view, best, moved))
         return view, best if self.lost_frames else self._damp(predicted.pose, best)
 
     def _misfits(self, found: Solution) -> bool:
@@ -286,7 +286,7 @@ class RealtimeTracker:
         """The view, solution and predicted motion without the landmarks of the eyes, while these blink."""
         self.motion.weight[self.person.eyes] = 0
         self.identity.patches.disregard(self.person.eyes)
-        view = replace(view, facing=view.facing & ~self.person.eyes)
+        view = view.of_landmarks(~self.person.eyes)
         moved = self._predict_from_motion(view, predicted)
         return view, self.solver.solve(view, moved.pose, moved), moved
 
@@ -303,6 +303,24 @@ class RealtimeTracker:
                 candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
                 best = min(best, candidate, key=lambda solution: solution.energy)
         return best
+
+    def _relax_mouth(self, view: View, best: Solution) -> Solution:
+        """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and
+        with it the errors, until the mouth is too far away to be found."""
+        s, mouth = self.settings, view.facing & self.person.mouth
+        moved = np.abs(best.pose.animation - self.prior.rest)[MOVES_MOUTH].max()
+        usual = self.person.expected[mouth]
+        misfit = float((best.d2[mouth] / usual).mean()) if mouth.any() else 0.0
+        strange = moved > s.mouth_retry_moved and misfit > s.mouth_retry_distance
+        self.strange_mouth_frames = self.strange_mouth_frames + 1 if strange else 0
+        if self.strange_mouth_frames % s.mouth_retry_interval != 1:
+            return best
+        rest = np.where(MOVES_MOUTH, self.prior.rest, best.pose.animation)
+        predicted = self._prediction(replace(best.pose, animation=rest))
+        alone = self.solver.solve(view.of_landmarks(mouth), predicted.pose, predicted)
+        if (alone.d2[mouth] / usual).mean() > s.mouth_retry_share * misfit:
+            return best
+        return self.solver.solve(view, predicted.pose, predicted)
 
     def _prediction(self, pose: Pose) -> Prediction:
         """The prediction of a pose by the last one alone, without a measured motion."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -84,6 +84,12 @@ class View:
     def upright_at(self, pose: Pose) -> View:
         """The same view, with descriptors sampled at the roll and scale of a pose."""
         return View(self.level, self.pose, pose, self.crop, self.image, self.geometry, self.facing)
+
+    def of_landmarks(self, which: Mask) -> View:
+        """The same view of only those landmarks `which` (n,) that face the camera; both share the orientation maps."""
+        view = replace(self, facing=self.facing & which)
+        vars(view)["maps"] = self.maps
+        return view
 
     @cached_property
     def maps(self) -> Float32:
