@@ -14,7 +14,16 @@ import pytest
 
 import mien
 from mien.errors import MienError, MienWarning
-from mien.faces import FaceBoxes, Sighting, TrackedFace, _appearances, _is_known, _without_other_faces, track_faces
+from mien.faces import (
+    FaceBoxes,
+    Sighting,
+    TrackedFace,
+    _appearances,
+    _is_known,
+    _unknown_part,
+    _without_other_faces,
+    track_faces,
+)
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
@@ -22,6 +31,7 @@ from mien.initialization.landmarks import Landmarks, Point, place_of
 from mien.output.track import Track
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.video import decode_frame, open_video
 from videos import known_portrait, write_video
 
 COUNT, FPS = 40, 10
@@ -177,18 +187,62 @@ def test_an_appearance_is_what_is_seen_again_in_its_place() -> None:
     shots = [[replace(flash, index=10 * k, time=0.5 * k, cuts=k)] for k in range(3)]
     assert _appearances(shots) == shots  # each of which is over before the next look
     assert not _seen(0, 100).is_at(_seen(0, 100, 100.0))
-    assert not replace(_seen(5, 100), cuts=1).follows(_seen(0, 100))
+    assert replace(_seen(5, 100), cuts=1).distance_after([_seen(0, 100)]) == np.inf
+
+
+def test_an_appearance_goes_on_where_it_went() -> None:
+    """A face that walks by, faster than its size in a look, and one that stands where it passes."""
+    walks, stands = [_seen(5 * k, 100 + 70 * k) for k in range(5)], [_seen(5 * k, 232) for k in range(5)]
+    looks = [[w] if k == 2 else [w, s] for k, (w, s) in enumerate(zip(walks, stands, strict=True))]
+    assert _appearances(looks) == [walks, [s for k, s in enumerate(stands) if k != 2]]
 
 
 def test_a_face_is_known_where_a_track_has_it() -> None:
     other = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4, Status.LOST if k > 7 else Status.TRACKED) for k in range(10))
-    assert _is_known([_seen(9, 100), _seen(4, 105)], [other])
+    assert _is_known(_seen(4, 105), [other])
     for k, x in ((4, 200), (6, 100), (9, 100)):
-        assert not _is_known([_seen(k, x)], [other])
-    assert not _is_known([_seen(4, 100)], [])
+        assert not _is_known(_seen(k, x), [other])
+    assert not _is_known(_seen(4, 100), [])
     gaps = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4) for k in (0, 3, 4, 8, 9))  # images that could not be read
-    assert _is_known([_seen(4, 100)], [gaps])
-    assert not _is_known([_seen(9, 100)], [gaps])
+    assert _is_known(_seen(4, 100), [gaps])
+    assert not _is_known(_seen(9, 100), [gaps])
+
+
+def test_the_part_of_an_appearance_that_no_track_has() -> None:
+    """All of it; or, where somebody else was taken for it, more than a second of it; a short part may be a track's own
+    that was lost there."""
+    looks = [_seen(k, 100) for k in range(0, 40, 5)]
+
+    def unknown(have: Iterable[int]) -> list[Sighting]:
+        track = _followed(_at(k, 100.0, 0.9 if k in have else 0.1) for k in range(40))
+        return _unknown_part(looks, [track])
+
+    assert unknown(range(0)) == looks
+    assert unknown(range(15)) == looks[3:]
+    assert unknown(range(10, 15)) == looks[3:]
+    assert unknown(range(30)) == []
+    assert unknown(range(40)) == []
+
+
+@pytest.mark.usefixtures("detector")
+def test_a_face_is_not_taken_for_one_that_passes_it(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the looks of the face on the left end with the one on the right, that one is tracked back to where the
+    looks show the other."""
+
+    def best_look(first: Frame, landmarks: Landmarks, *_: object) -> tuple[Frame, list[Landmarks]]:
+        looks = [replace(landmarks, points=turning(1).landmarks[k], frame_index=k, time=k / FPS) for k in (0, 10, 20)]
+        looks[-1] = replace(looks[-1], points=turning(-1).landmarks[20] + [WIDTH, 0])
+        return decode_frame(open_video(video), first, 20, 20 / FPS), looks
+
+    monkeypatch.setattr("mien.start.best_look", best_look)
+    heard: list[int] = []
+    with pytest.warns(MienWarning, match=r"two\.mkv: faces pass each other after 0\.00 s"):
+        track = mien.track(video, focal_px=FOCAL, progress=lambda estimate, total: heard.append(estimate.index))
+    assert track.landmarks is not None
+    assert track.lost == 0
+    assert (track.landmarks[:, :, 0].max(axis=1) < WIDTH).all()
+    assert track.metadata["landmarks"]["frame"] == 0
+    assert sorted(heard) == list(range(COUNT))
 
 
 def test_it_is_part_of_mien() -> None:

@@ -8,6 +8,7 @@ tracks have the same face, the less confident one counts as lost.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,21 +20,21 @@ from mien.arrays import Array, Mask
 from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.initialization.landmarks import Landmarks, place_of
+from mien.initialization.landmarks import SAME_PLACE, Landmarks, is_same_place, place_of
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, run_passes
 from mien.registry import create_tracker, file_of
-from mien.start import DETECTION_INTERVAL, Footage, Start, prepare, sampled_frames
+from mien.start import CONFIDENT, DETECTION_INTERVAL, Footage, Start, prepare, sampled_frames
 from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video
 
-_SAME_PLACE, _SAME_SIZE = 0.5, 1.6
-"""Two faces are the same below this distance of their centres, in sizes of the face, and this ratio of their sizes."""
+_FAR = 1.5
+"""The distance for a second sighting, which shows how fast the face moves."""
+_ELSEWHERE = 1e9
+"""A distance in pixels beyond any in an image."""
 _GAP_SECONDS = 2.0
 """Longest gap between detections at the same place that count as the same face."""
-_CONFIDENT = 0.5
-"""Confidence above which a track still has the face that it began with."""
 _LEAST_SECONDS = 1.0
 """Shortest time for which a track must have a face that no other track has."""
 
@@ -49,13 +50,23 @@ class Sighting:
     size: float
     cuts: int = 0
 
-    def is_at(self, other: Sighting) -> bool:
-        """Whether it has about the position and the size of another."""
-        return bool(is_same_place(self.centre, np.array(self.size), other.centre, np.array(other.size)))
+    def is_at(self, other: Sighting, within: float = SAME_PLACE) -> bool:
+        """Whether it has about the position and the size of another. within: sizes of the face."""
+        return bool(is_same_place(self.centre, self.size, other.centre, other.size, within))
 
-    def follows(self, before: Sighting) -> bool:
-        """Whether it is the same face as another, shortly before."""
-        return 0 < self.time - before.time < _GAP_SECONDS and self.cuts == before.cuts and self.is_at(before)
+    def distance_after(self, before: Sequence[Sighting]) -> float:
+        """Distance in pixels from where a face with these sightings, shortly before, was last, or would be if it went
+        on; infinite if it is another face. A second sighting may be further away."""
+        last = before[-1]
+        if not 0 < self.time - last.time < _GAP_SECONDS or self.cuts != last.cuts:
+            return math.inf
+        places, within = [last], _FAR
+        if len(before) > 1:
+            velocity = (last.centre - before[-2].centre) / (last.time - before[-2].time)
+            places.append(replace(last, centre=last.centre + velocity * (self.time - last.time)))
+            within = SAME_PLACE
+        distances = [np.linalg.norm(place.centre - self.centre) for place in places if self.is_at(place, within)]
+        return float(min(distances, default=math.inf))
 
 
 @dataclass(frozen=True)
@@ -84,7 +95,7 @@ class FaceBoxes:
         """Whether the track has the detected face, with confidence."""
         row = int(np.searchsorted(self.index, seen.index))  # images that cannot be read leave gaps
         here = replace(seen, centre=self.centre[row], size=float(self.size[row]))
-        return bool(self.confidence[row] > _CONFIDENT) and here.is_at(seen)
+        return bool(self.confidence[row] > CONFIDENT) and here.is_at(seen)
 
     def taken_by(self, other: FaceBoxes, earlier: bool) -> Mask:
         """The frames (n,) in which another track, an earlier or a later one, has the same face with a higher
@@ -92,13 +103,6 @@ class FaceBoxes:
         same = is_same_place(self.centre, self.size, other.centre, other.size)
         higher = other.confidence >= self.confidence if earlier else other.confidence > self.confidence
         return np.asarray(same & higher)
-
-
-def is_same_place(centre: Array, size: Array, other_centre: Array, other_size: Array) -> Mask:
-    """Whether faces with centres (..., 2) and sizes (...) have about the positions and sizes of others."""
-    distance = np.linalg.norm(centre - other_centre, axis=-1)
-    similar = np.maximum(size, other_size) < _SAME_SIZE * np.minimum(size, other_size)
-    return np.asarray(similar & (distance < _SAME_PLACE * size))
 
 
 def track_faces(
@@ -145,15 +149,19 @@ def track_faces(
             progress(estimate, None if count is None else count * rounds)
 
     found: list[TrackedFace] = []
-    for sightings in _appearances(detections):
-        if len(found) == faces or _is_known(sightings, found):
+    for appearance in _appearances(detections):
+        unknown = _unknown_part(appearance, found)
+        if len(found) == faces or not unknown:
             continue
-        begin = _prepare(sightings[0], footage, at_once)
-        if begin is not None and not _is_known([_sighting(begin.landmarks)], found):
+        begin = _prepare(unknown[0], footage, at_once)
+        if begin is not None and begin.instead is not None and _is_known(_sighting(begin.landmarks), found):
+            begin = begin.instead
+        if begin is not None and not _is_known(_sighting(begin.landmarks), found):
             first = Pass(begin, preset, create_tracker(preset), face_id=len(found))
             of_face = replace(files.of_face(len(found)), overlay=None)
             of_face.check(inputs)
-            tracked = _track_face(first, passes, found, of_face, partial(report, len(found) + 1))
+            apart = len(unknown) < len(appearance)
+            tracked = _track_face(first, passes, found, apart, of_face, partial(report, len(found) + 1))
             found += [tracked] if tracked else []
     found = [replace(face, track=_without_other_faces(face, found)) for face in found]
     require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
@@ -182,21 +190,40 @@ def _sighting(face: Landmarks) -> Sighting:
 
 def _appearances(detections: Sequence[list[Sighting]]) -> list[list[Sighting]]:
     """Group consecutive sightings in about the same place."""
+    from scipy.optimize import linear_sum_assignment
+
     found: list[list[Sighting]] = []
     for sightings in detections:
-        for seen in sightings:
-            same = next((one for one in found if seen.follows(one[-1])), None)
-            if same is None:
-                found.append([seen])
+        distance = np.array([[seen.distance_after(before) for before in found] for seen in sightings])
+        distance = distance.reshape(len(sightings), len(found))
+        pairs = zip(*linear_sum_assignment(np.minimum(distance, _ELSEWHERE)), strict=True)
+        before = {i: found[j] for i, j in pairs if distance[i, j] < _ELSEWHERE}
+        for i, seen in enumerate(sightings):
+            if i in before:
+                before[i].append(seen)
             else:
-                same.append(seen)
+                found.append([seen])
     # A single detection may be a false positive, but in a video of short shots, or a damaged one, all are single.
     return [one for one in found if len(one) > 1] or found
 
 
-def _is_known(sightings: Sequence[Sighting], faces: Sequence[TrackedFace]) -> bool:
-    """Whether a track has the face of any of these sightings."""
-    return any(face.boxes.has(seen) for face in faces for seen in sightings)
+def _unknown_part(appearance: Sequence[Sighting], faces: Sequence[TrackedFace]) -> list[Sighting]:
+    """The part of an appearance in which no track has the face: all of it, the longest one of more than a second, where
+    people have passed each other, or none."""
+    runs: list[list[Sighting]] = [[]]
+    for seen in appearance:
+        if _is_known(seen, faces):
+            runs.append([])
+        else:
+            runs[-1].append(seen)
+    longest = max(runs, key=len)
+    known = len(longest) < len(appearance)
+    return [] if known and longest[-1:] and longest[-1].time - longest[0].time < _LEAST_SECONDS else longest
+
+
+def _is_known(seen: Sighting, faces: Sequence[TrackedFace]) -> bool:
+    """Whether a track has the face of a sighting."""
+    return any(face.boxes.has(seen) for face in faces)
 
 
 def _prepare(seen: Sighting, footage: Footage, at_once: bool) -> Start | None:
@@ -208,26 +235,42 @@ def _prepare(seen: Sighting, footage: Footage, at_once: bool) -> Start | None:
     except MienError as error:
         warn(f"{error}; it is skipped")
         return None
+    return _within(begin, footage)
+
+
+def _within(begin: Start, footage: Footage) -> Start:
+    """A start in a part of the footage as one in all of it, from a detection interval earlier on."""
     before = begin.since - DETECTION_INTERVAL - 1 / footage.video.fps
-    since = max(before, footage.start or 0.0)
-    return replace(begin, footage=footage, frames=footage.frames(), since=since, reported=0, face=None)
+    return replace(
+        begin,
+        footage=footage,
+        frames=footage.frames(),
+        since=max(before, footage.start or 0.0),
+        reported=0,
+        face=None,
+        instead=begin.instead and _within(begin.instead, footage),
+    )
 
 
 def _track_face(
     first: Pass,
     passes: int,
     others: Sequence[TrackedFace],
+    apart: bool,
     files: Destination,
     report: Callable[[Estimate], None],
 ) -> TrackedFace | None:
-    """Track a face and write its files; None, without files, if other tracks have it in all but a few frames."""
+    """Track a face and write its files; None, without files, if other tracks have it in all but a few frames. apart:
+    part of its appearance is another track's, which then has it in more than a few frames if it is the same face."""
     begin, face = first.begin, None
     incomplete = {"complete": False, "stopped": "the other faces are not tracked yet"}
     for result, tracker in run_passes(first, passes, files, report):
         track = replace(result, metadata={**result.metadata, **incomplete})
         face = TrackedFace(track, FaceBoxes(track), tracker, begin.camera)
         own = len(track) - _without_other_faces(face, others).lost
-        if own < min(_LEAST_SECONDS * begin.footage.video.fps, 0.5 * len(track)):
+        shared = len(track) - track.lost - own
+        few = min(_LEAST_SECONDS * begin.footage.video.fps, 0.5 * len(track))
+        if own < few or (apart and shared > few):
             return None
         files.write(track)
     return face

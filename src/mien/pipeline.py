@@ -152,13 +152,13 @@ def run_passes(
         if number > 1 and isinstance(this.tracker, RepeatableTracker):
             begin = replace(this.begin, frames=this.begin.footage.frames(), reported=0)
             this = replace(this, begin=begin, tracker=this.tracker.again(), number=number)
-        result, tracker = _run_pass(this, files, report, last=number == passes)
-        yield result, tracker
-        this = replace(this, tracker=tracker)
+        result, this = _run_pass(this, files, report, last=number == passes)
+        yield result, this.tracker
 
 
-def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None], last: bool) -> tuple[Track, Tracker]:
-    """Run one pass; return its track, and the tracker with what it has learned. Only the last pass is drawn.
+def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None], last: bool) -> tuple[Track, Pass]:
+    """Run one pass; return its track, and the pass with the start that it had and the tracker with what it has learned.
+    Only the last pass is drawn.
 
     If interrupted in the first pass, write the frames tracked so far.
     """
@@ -173,6 +173,14 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
                 earlier[estimate.index] = estimate
                 if estimate.index >= begin.reported:
                     report(estimate)
+            if begin.instead is not None and begin.has_strayed(earlier):
+                begin, tracker = replace(begin.instead, reported=max(earlier) + 1), create_tracker(this.preset)
+                this = replace(this, begin=begin, tracker=tracker)
+                warn(
+                    f"{begin.footage.video.name}: faces pass each other after {begin.first.time:.2f} s, where the one "
+                    "that is tracked is learned"
+                )
+                earlier = {estimate.index: estimate for estimate in run_back(tracker, begin)}
             tracker = _next_tracker(this) if earlier else tracker
             with drawing(files.overlay if last else None, this) as draw:
                 for frame, estimate in run(tracker, begin, earlier):
@@ -197,7 +205,8 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
             if error is raised:
                 raise
             raise error from None
-        return _finished_track(recorder, tracker, metadata(this, recorder)), tracker
+        track = _finished_track(recorder, tracker, metadata(this, recorder))
+        return track, replace(this, tracker=tracker)
 
 
 def _finished_track(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:

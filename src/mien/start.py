@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain, islice, takewhile
 from numbers import Real
@@ -24,7 +24,7 @@ from mien.frame import Frame
 from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
-from mien.initialization.landmarks import Landmarks, Point
+from mien.initialization.landmarks import Landmarks, Point, is_same_place, place_of
 from mien.initialization.looks import detail, expected_errors, rotation_of
 from mien.tracking.scene import numbered_by_shot
 from mien.tracking.state import Estimate
@@ -42,6 +42,8 @@ _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
 """Rotation of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
+CONFIDENT = 0.5
+"""Confidence above which a track has the face that it began with."""
 _GONE_SECONDS = 1.0
 """How long a live camera's face may not be detected before the wait for it begins anew."""
 _PATIENCE = 3.0
@@ -144,7 +146,8 @@ class Start:
     first: the frame to which the landmarks belong; frames: all frames that get a row, including the first; since: time
     in seconds down to which tracking runs backwards from the first frame; reported: index of the first frame that
     `prepare` has not yet reported as progress; at_once, face: as passed to `prepare`; passed: estimates of the frames
-    before `first` that cannot be read again.
+    before `first` that cannot be read again; sightings: the face from where it was first seen to `first`, if that is
+    another frame; instead: the start with the first of these.
     """
 
     footage: Footage
@@ -157,6 +160,31 @@ class Start:
     at_once: bool = False
     face: Point | None = None
     passed: tuple[Estimate, ...] = ()
+    sightings: tuple[Landmarks, ...] = ()
+    instead: Start | None = None
+
+    def moved_to(self, frame: Frame, sightings: Sequence[Landmarks]) -> Start:
+        """The start with a later frame. sightings: the face from this start to that frame."""
+        return replace(
+            self,
+            first=frame,
+            frames=self.footage.frames(),
+            landmarks=_rounded_as_saved(replace(sightings[-1], source=self.landmarks.source)),
+            since=max(self.since, frame.time - _BACK_SECONDS),
+            sightings=tuple(sightings),
+            instead=replace(self, frames=self.footage.frames()),
+        )
+
+    def has_strayed(self, estimates: Mapping[int, Estimate]) -> bool:
+        """Whether the face that was tracked back, with its estimates by index, is another one than was seen first:
+        where people pass each other, detections in one place need not be of one face."""
+        for seen in self.sightings:
+            estimate = estimates.get(seen.frame_index)
+            if estimate and estimate.landmarks and estimate.confidence > CONFIDENT:
+                tracked, face = place_of(estimate.landmarks.image), place_of(seen.correspondences()[1])
+                if not is_same_place(*tracked, *face):
+                    return True
+        return False
 
 
 def prepare(
@@ -192,13 +220,14 @@ def prepare(
     if face is not None:
         require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
         _require_inside(face, earliest)
+    better: tuple[Frame, list[Landmarks]] | None = None
     if landmarks is None:
         search = chain([earliest], frames)
         patience = None if seekable or at_once else Patience(camera, face)
         first, landmarks = find_face(search, source.name, without_face, patience, face)
         reported = first.index
         if seekable and not at_once:
-            first, landmarks = best_look(first, landmarks, camera, footage)
+            better = best_look(first, landmarks, camera, footage)
     else:
         if not isinstance(landmarks, Landmarks):
             landmarks = read_landmarks(landmarks, earliest.index, earliest.time)
@@ -207,10 +236,19 @@ def prepare(
             pass_over(estimate)
     landmarks.check(first.width, first.height)
     later = seekable and first is not earliest
-    frames = footage.frames() if later else chain([first], frames)
-    since = max(earliest.time, first.time - _BACK_SECONDS) if later else first.time
-    rounded = _rounded_as_saved(landmarks)
-    return Start(footage, first, frames, rounded, camera, since, reported, at_once, face, tuple(passed))
+    begin = Start(
+        footage=footage,
+        first=first,
+        frames=footage.frames() if later else chain([first], frames),
+        landmarks=_rounded_as_saved(landmarks),
+        camera=camera,
+        since=max(earliest.time, first.time - _BACK_SECONDS) if later else first.time,
+        reported=reported,
+        at_once=at_once,
+        face=face,
+        passed=tuple(passed),
+    )
+    return begin.moved_to(*better) if better else begin
 
 
 def _as_point(face: Point) -> Point:
@@ -242,9 +280,11 @@ def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
     return islice(numbered_by_shot(footage.frames()), None, None, step)
 
 
-def best_look(first: Frame, landmarks: Landmarks, camera: Camera, footage: Footage) -> tuple[Frame, Landmarks]:
-    """The frame from which a face is learned best, and its landmarks there: the first one or a later one of the same
-    shot. After a cut, the same place may show another face."""
+def best_look(
+    first: Frame, landmarks: Landmarks, camera: Camera, footage: Footage
+) -> tuple[Frame, list[Landmarks]] | None:
+    """The frame from which a face is learned best, a later one of the same shot, and the looks from the first one to
+    that; None if the first one is best. After a cut, the same place may show another face."""
     from mien.initialization.detector import follow, refine
 
     uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(replace(footage, start=first.time)))
@@ -254,19 +294,21 @@ def best_look(first: Frame, landmarks: Landmarks, camera: Camera, footage: Foota
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
     for frame, face in follow(landmarks, in_time):
-        if not face.are_inside(frame.width, frame.height):
+        if not face.are_trackable(frame.width, frame.height):
             continue
         looks.append(face)
         details.append(detail(frame, face))
         if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
             facing, until = True, face.time + _LOOK_SECONDS
     errors = expected_errors(looks, details, camera, fit.R, fit.t)
-    best = looks[int(np.argmin(errors))]
+    best = int(np.argmin(errors))
     if errors[0] - errors.min() < _LEAST_GAIN:
-        return first, landmarks
-    frame = decode_frame(footage.video, first, best.frame_index, best.time)
-    refined = refine(frame, best)
-    return (first, landmarks) if refined is None else (frame, replace(refined, source=landmarks.source))
+        return None
+    frame = decode_frame(footage.video, first, looks[best].frame_index, looks[best].time)
+    refined = refine(frame, looks[best])
+    if refined is None or not refined.are_trackable(frame.width, frame.height):
+        return None
+    return frame, [*looks[:best], refined]
 
 
 def _into_camera(R: Array, t: Array) -> bool:
@@ -306,7 +348,7 @@ class Patience:
         """The faces of a frame, largest first, if tracking may start with it; else none."""
         from mien.initialization.detector import detect, detect_once
 
-        faces = [face for face in detect_once(frame, self.at) if face.are_inside(frame.width, frame.height)]
+        faces = [face for face in detect_once(frame, self.at) if face.are_trackable(frame.width, frame.height)]
         if not faces:
             if frame.time - self.last_seen > _GONE_SECONDS:
                 self.first_detection = None
@@ -317,7 +359,7 @@ class Patience:
         waited = frame.time - first.time
         if waited < _PATIENCE and not _into_camera(rotation_of(faces[0], first, self.camera, fit.R), fit.t):
             return []
-        return detect(frame, self.at)
+        return [face for face in detect(frame, self.at) if face.are_trackable(frame.width, frame.height)]
 
 
 def find_face(

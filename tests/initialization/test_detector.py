@@ -14,9 +14,12 @@ import cv2
 import numpy as np
 import pytest
 
+from mien import start
 from mien.arrays import Array
 from mien.frame import Frame
+from mien.geometry.camera import Camera
 from mien.initialization import detector
+from mien.initialization.landmarks import place_of
 from mien.initialization.mediapipe_mesh import silenced
 from small_motion import face, small_motion, turned_portrait
 
@@ -157,6 +160,24 @@ def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyP
     assert found is not None
     assert found[0].index == 1
     assert len(found[1]) == 1
+
+
+def test_a_face_that_is_too_small_is_left_for_a_later_one_that_is_not() -> None:
+    """In a small image, in which no search for distant faces leaves it out; if it stays small, it is what is found."""
+    portrait = small_motion().frames[1]
+    place, size = place_of(small_motion().landmarks[1])
+    share = 24 / size
+    side = round(2 * size * share)
+    corner = np.round(place * share - 0.5 * side).astype(int)
+    shrunk = cv2.resize(portrait.pixels, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+    small = Frame(np.ascontiguousarray(shrunk[max(corner[1], 0) :, max(corner[0], 0) :][:side, :side]), 0)
+    found = detector.first_with_a_face([small, Frame(portrait.pixels, 1)])
+    assert found is not None
+    assert found[0].index == 1
+    alone = detector.first_with_a_face([small])
+    assert alone is not None
+    assert 25 < alone[1][0].size < 40
+    assert start.Patience(Camera.centred(100, side, side))(small) == []
 
 
 def _moved(across: float, scale: float = 1.0) -> Any:

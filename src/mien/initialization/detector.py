@@ -58,17 +58,21 @@ def detect(frame: Frame, at: Point | None = None) -> list[Landmarks]:
 
 
 def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
-    """The first frame with a face, and its faces as from `detect`; None if no frame has one. A face of which a part is
-    beyond the border of the image does not count: nothing could be learned of that part."""
+    """The first frame with a face that can be tracked, and its faces as from `detect`; if all are too small, the first
+    with one of these; None if no frame has any. A face of which a part is beyond the border of the image does not
+    count: nothing could be learned of that part."""
+    too_small: tuple[Frame, list[Landmarks]] | None = None
     with _finder(_MAXIMUM_FACES) as finder:
         for k, frame in enumerate(frames):
             seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
             averaged = (_average(frame, face) for face in seen)
             found = (_landmarks(frame, face) for face in averaged if face is not None)
             faces = [face for face in found if face.are_inside(frame.width, frame.height)]
-            if faces:
+            if any(face.are_trackable(frame.width, frame.height) for face in faces):
                 return frame, faces
-    return None
+            if faces and too_small is None:
+                too_small = frame, faces
+    return too_small
 
 
 def detect_once(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.arrays import Array
+from mien.arrays import Array, Mask
 from mien.errors import MienError, require
 
 LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
@@ -95,6 +95,8 @@ Point = tuple[float, float]
 """Image coordinates x and y in pixels."""
 Place = tuple[Array, float]
 """Centre (2,) and larger side, in pixels, of a face or face candidate."""
+SAME_PLACE, _SAME_SIZE = 0.5, 1.6
+"""Two faces are the same below this distance of their centres, in sizes of the face, and this ratio of their sizes."""
 
 
 def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -175,6 +177,15 @@ class Landmarks:
         low, high = points.min(axis=0), points.max(axis=0)
         return bool(low.min() >= -margin and high[0] <= width - 1 + margin and high[1] <= height - 1 + margin)
 
+    @property
+    def size(self) -> float:
+        """Larger side of the face in pixels."""
+        return float(np.ptp(self.points, axis=0).max())
+
+    def are_trackable(self, width: int, height: int) -> bool:
+        """Whether the face lies inside an image and is large enough to be tracked."""
+        return self.are_inside(width, height) and self.size >= MINIMUM_FACE_PX
+
     def check(self, width: int, height: int) -> None:
         """Raise MienError for points outside the image, mirrored landmarks, faces too small to track, and depths that
         are not in pixels."""
@@ -187,10 +198,10 @@ class Landmarks:
             not self._mirrored(),
             f"{self.source}: the landmarks are mirrored; right is the person's own right, usually on the image's left",
         )
-        size = float(np.ptp(self.points, axis=0).max())
+        size = self.size
         require(
             size >= MINIMUM_FACE_PX,
-            f"{self.source}: the face measures {size:.0f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
+            f"{self.source}: the face measures {size:.1f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
             "enlarge or crop the video",
         )
         depths = 0.0 if self.depths is None else float(np.ptp(self.depths))
@@ -222,3 +233,13 @@ def place_of(points: Array) -> Place:
     """Centre (2,) and larger side, in pixels, of a face with points (n, 2 or 3)."""
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     return 0.5 * (low + high), float((high - low).max())
+
+
+def is_same_place(
+    centre: Array, size: Array | float, other_centre: Array, other_size: Array | float, within: float = SAME_PLACE
+) -> Mask:
+    """Whether faces with centres (..., 2) and sizes (...) have about the positions and sizes of others. within: sizes
+    of the face."""
+    distance = np.linalg.norm(centre - other_centre, axis=-1)
+    similar = np.maximum(size, other_size) < _SAME_SIZE * np.minimum(size, other_size)
+    return np.asarray(similar & (distance < within * size))
