@@ -12,7 +12,7 @@ import mien
 
 LAYERS = (
     ("_version", "errors", "arrays"),
-    ("files", "csv_files", "compiled", "processes"),
+    ("files", "csv_files", "compiled", "processes", "threads"),
     ("config",),
     ("frame",),
     ("video",),

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import mien
 from mien import pipeline, start
@@ -111,6 +112,20 @@ def test_a_face_that_is_turned_in_the_first_frame_is_warned_of(
     tracker.rotation = FACING @ exp(np.radians([0, pan_deg, 0]))
     mien.track(folder, landmarks=known_portrait().landmarks)
     assert ["turned by 25 degrees at 0.00 s" in str(w.message) for w in recwarn] == [True] * warned
+
+
+def test_numbers_do_not_depend_on_the_threads_of_a_program(tracker: StillTracker, folder: Path) -> None:
+    """While a video is tracked, BLAS has one; the program then has its own again."""
+
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    counts: list[set[int]] = []
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        mien.track(folder, landmarks=known_portrait().landmarks, progress=lambda e, total: counts.append(threads()))
+        assert threads() == before
+    assert counts == [{1}] * 6
 
 
 def test_progress_hears_of_every_frame(tracker: StillTracker, folder: Path) -> None:

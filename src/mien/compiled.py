@@ -1,14 +1,18 @@
 """How Numba compiles the inner loops: on the first call of each, cached on disk. On the first run a second process
 compiles the largest (`tracking/first_run.py`).
 
-The cache of a kernel is invalidated when its own file changes, but not when the file of a kernel that it calls does:
-after editing `tracking/kernels.py`, touch `tracking/motion.py` as well, or it will run the old code.
+Numba compiles a kernel anew when its own file has changed. It contains the code of kernels and the constants of other
+files, so here it is compiled anew when any of these has.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from hashlib import sha256
+from itertools import chain
+from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, TypeVar
 
 import numba
@@ -23,6 +27,33 @@ _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",  # division by zero gives inf; raising an exception would cost a branch per division
     "no_cfunc_wrapper": True,  # never called from C
 }
+
+
+_PACKAGES = ("appearance", "candide", "geometry", "tracking")
+"""Where kernels are, and what is compiled into them."""
+
+
+@cache
+def _source_stamp() -> str:
+    """Digest of all source that kernels are compiled from."""
+    digest, root = sha256(), Path(__file__).parent
+    for file in sorted(chain.from_iterable((root / package).glob("*.py") for package in _PACKAGES)):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def is_cached(compiled: Any) -> bool:
+    """Whether a kernel is on disk as its source is now; True where nothing can be kept there."""
+    index = _index_of(compiled)
+    try:
+        return index is None or bool(index._load_index())
+    except (OSError, EOFError, UnpicklingError):
+        return False
+
+
+def _index_of(compiled: Any) -> Any:
+    """Numba's index of what is on disk of a kernel, which knows the stamp of the source; None where nothing is kept."""
+    return getattr(getattr(compiled, "_cache", None), "_cache_file", None)
 
 
 @cache
@@ -42,6 +73,9 @@ def kernel(**options: Any) -> Callable[[F], F]:
         except RuntimeError:  # neither the package's folder nor the user's can be written
             _warn_without_cache()
             compiled = numba.njit(**_OPTIONS | options | {"cache": False})(function)
+        index = _index_of(compiled)
+        if index is not None:
+            index._source_stamp = _source_stamp()
         return compiled
 
     return decorate

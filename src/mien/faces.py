@@ -26,6 +26,7 @@ from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, run_passes
 from mien.registry import create_tracker, file_of
 from mien.start import CONFIDENT, DETECTION_INTERVAL, Footage, Start, prepare, sampled_frames
+from mien.threads import one_blas_thread
 from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video
 
@@ -105,6 +106,7 @@ class FaceBoxes:
         return np.asarray(same & higher)
 
 
+@one_blas_thread()
 def track_faces(
     video: str | Path,
     faces: int,

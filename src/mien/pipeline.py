@@ -31,6 +31,7 @@ from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import checked, create_tracker, file_of
 from mien.start import TURNED_DEG, Footage, Start, before_landmarks, before_start, prepare, requested_options
+from mien.threads import one_blas_thread
 from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Source, Video, backwards, open_video, refuse_among_images
@@ -69,6 +70,7 @@ class AxesTracker(Protocol):
     axes: HeadAxes
 
 
+@one_blas_thread()
 def track(
     video: Source,
     *,
@@ -241,6 +243,7 @@ def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> No
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could use; give 1")
 
 
+@one_blas_thread()
 def write_first_frame(
     video: str | Path | int,
     output: str | Path,

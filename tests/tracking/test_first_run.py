@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import mien
 from mien.tracking import first_run
 from mien.tracking.realtime import RealtimeTracker
 
 FIRST_RUN = """
+from mien.compiled import is_cached
 from mien.tracking import first_run, kernels
 from mien.tracking.realtime import RealtimeTracker
 from small_motion import run, small_motion
 
-assert not first_run._is_cached()
+assert not is_cached(kernels.solve)
 estimates = run(RealtimeTracker(), small_motion())
 assert all(e.status.success for e in estimates)
-assert first_run._is_cached()
+assert is_cached(kernels.solve)
 for kernel, arguments in (*first_run._IN_BACKGROUND, *first_run._IN_FOREGROUND):
     assert kernel.signatures == [arguments], kernel
 print(kernels.solve.stats.cache_misses.total(), "compiled here")
@@ -37,30 +40,38 @@ def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     assert done.stdout.strip() == "0 compiled here"
 
 
-def test_a_file_that_was_written_anew_as_it_was_is_asked_about_once(tmp_path: Path) -> None:
-    """As by an installation of the same version: Numba goes by what is in it."""
+def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(tmp_path: Path) -> None:
+    """As by an upgrade; not because a file was written again as it was."""
+    package = tmp_path / "mien"
+    shutil.copytree(Path(mien.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     script = """
-import os
-from mien.tracking import first_run, kernels
+from mien.compiled import is_cached
+from mien.tracking.first_run import POLYNOMIAL, _compile
 
-first_run._compile(first_run.POLYNOMIAL)
-first_run._IN_BACKGROUND = (first_run.POLYNOMIAL,)
-first_run.SOLVE = first_run.POLYNOMIAL
-later = os.stat(kernels.__file__).st_mtime
-for index in first_run._indices():
-    os.utime(index, (later - 1, later - 1))
-print(first_run._is_cached())
-first_run.compile_in_background()
-print(first_run._is_cached())
+kernel, _ = POLYNOMIAL
+print(is_cached(kernel))
+_compile(POLYNOMIAL)
+print(is_cached(kernel))
 """
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.split() == ["False", "True"], done.stderr
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+
+    def run() -> list[str]:
+        command = [sys.executable, "-c", script]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    called = package / "tracking" / "pose_geometry.py"
+    assert run() == ["False", "True"]
+    called.write_text(called.read_text(encoding="utf-8"), encoding="utf-8")
+    assert run() == ["True", "True"]
+    called.write_text(called.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert run() == ["False", "True"]
 
 
 @pytest.fixture
 def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(first_run, "_is_cached", lambda: False)
+    monkeypatch.setattr(first_run, "is_cached", lambda kernel: False)
     monkeypatch.setattr(first_run, "available_processors", lambda: 2)
 
 
@@ -89,7 +100,7 @@ def test_the_other_process_ends_with_this_one() -> None:
 from mien.tracking import first_run, kernels
 
 first_run._PROGRAM = "import time; time.sleep(60)"
-first_run._is_cached = lambda: False
+first_run.is_cached = lambda kernel: False
 first_run.available_processors = lambda: 2
 compiled = first_run.BackgroundCompilation()
 print(compiled.helper.pid)

@@ -19,6 +19,7 @@ from typing import Any
 from numba import types
 
 from mien.appearance import crop, descriptors
+from mien.compiled import is_cached
 from mien.processes import available_processors
 from mien.tracking import (
     definite,
@@ -33,7 +34,6 @@ from mien.tracking import (
     uncertainty,
 )
 
-_SOURCE = Path(kernels.__file__)
 _PATIENCE_S = 120
 _PROGRAM = "from mien.tracking import first_run; first_run.compile_in_background()"
 
@@ -102,14 +102,11 @@ def compile_in_background() -> None:
     gc.disable()  # it would take a tenth of the time of a process that ends soon
     for kernel in _IN_BACKGROUND:
         _compile(kernel)
-    with suppress(OSError):  # a source file rewritten with the same content leaves Numba's cache older than the file
-        for index in _indices() or ():
-            index.touch()
 
 
 def load_cached() -> None:
     """Load the kernels that are cached on disk, if they are."""
-    if _is_cached():
+    if is_cached(kernels.solve):
         for kernel in (*_IN_BACKGROUND, *_IN_FOREGROUND):
             _compile(kernel)
 
@@ -119,7 +116,7 @@ class BackgroundCompilation:
     cached or there is one processor only. That process ends with this object, or with this process."""
 
     def __init__(self) -> None:
-        self.helper = None if _is_cached() or available_processors() < 2 else _start()
+        self.helper = None if is_cached(kernels.solve) or available_processors() < 2 else _start()
         if self.helper is not None:
             weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
@@ -139,19 +136,6 @@ def _compile(kernel: Kernel) -> None:
     """Compile a kernel for the types that tracking calls it with, or load it from disk."""
     function, arguments = kernel
     function.compile(arguments)
-
-
-def _is_cached() -> bool:
-    """Whether a compiled `kernels.solve` is on disk that is newer than its source; True where Numba caches nothing."""
-    kept = _indices()
-    return kept is None or any(index.stat().st_mtime > _SOURCE.stat().st_mtime for index in kept)
-
-
-def _indices() -> list[Path] | None:
-    """The index files of `kernels.solve` in Numba's cache, of any version; None where Numba caches nothing."""
-    solve, _ = SOLVE
-    folder = solve.stats.cache_path
-    return None if folder is None else list(Path(folder).glob(f"{_SOURCE.stem}.{solve.__name__}-*.nbi"))
 
 
 def _stop(helper: subprocess.Popen[bytes]) -> None:
