@@ -53,6 +53,8 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
         ({"rank": -1}, "own.json: rank: input should be greater than or equal to 0"),
         ({"descriptor": {"cell": "four"}}, "own.json: descriptor.cell: input should be a valid integer"),
         ({"settings": {"preset": "paper"}}, "own.json: preset: input should be 'realtime'"),
+        ({"floor": float("inf")}, "own.json: floor: input should be a finite number"),
+        ({"descriptor": {"kernel": "opencv"}}, "own.json: descriptor: value error, the kernel must be mien"),
         ([1], "own.json holds no settings keyed by name"),
         ("{", "own.json is not valid JSON"),
     ],
@@ -62,9 +64,18 @@ def test_settings_that_are_wrong_are_refused_by_name(tmp_path: Path, values: Any
         create_tracker(f"realtime:{_written(tmp_path / 'own.json', values)}")
 
 
+def test_settings_within_settings_that_are_not_given_are_those_of_the_preset(tmp_path: Path) -> None:
+    own = _written(tmp_path / "own.json", {"descriptor": {"cell": 5}})
+    for preset, kind in (("realtime", RealtimeSettings), ("paper", PaperSettings)):
+        found, default = create_tracker(f"{preset}:{own}").settings.descriptor, kind().descriptor
+        assert found == default.model_copy(update={"cell": 5})
+
+
 def test_a_file_that_is_not_there_and_one_that_nobody_reads(tmp_path: Path) -> None:
     with pytest.raises(MienError, match=r"none\.json cannot be read"):
         create_tracker(f"realtime:{tmp_path / 'none.json'}")
+    with pytest.raises(MienError, match="realtime: names no file after the colon"):
+        create_tracker("realtime:")
     with pytest.raises(MienError, match="xiao-2003 reads no file"):
         create_tracker("xiao-2003:own.json")
     assert file_of("realtime:own.json") == Path("own.json")

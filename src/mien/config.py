@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from mien.errors import MienError, require
 
@@ -14,7 +14,17 @@ from mien.errors import MienError, require
 class Settings(BaseModel):
     """A frozen set of settings; unknown names and invalid values are rejected by name."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _complete(cls, values: Any) -> Any:
+        """Complete settings within these, of which only some are given, by those that are the default here."""
+        if not isinstance(values, dict):
+            return values
+        own = {name: field.default for name, field in cls.model_fields.items() if isinstance(field.default, Settings)}
+        given = {name: values[name] for name in own if isinstance(values.get(name), dict)}
+        return values | {name: own[name].model_dump() | given[name] for name in given}
 
 
 class DescriptorSettings(Settings):
@@ -26,8 +36,8 @@ class DescriptorSettings(Settings):
     """
 
     kernel: Literal["mien", "opencv"] = "mien"
-    pixels_per_unit: float = Field(64.0, gt=0)
-    cell: int = Field(6, ge=1)
+    pixels_per_unit: float = Field(64.0, ge=8, le=1024)
+    cell: int = Field(6, ge=1, le=256)
     blur: float = Field(1.0, ge=0)
     root: float = Field(0.0, ge=0)
 
@@ -62,10 +72,10 @@ class RealtimeSettings(Settings):
     preset: Literal["realtime"] = "realtime"
     descriptor: DescriptorSettings = DescriptorSettings(pixels_per_unit=64.0, cell=4, blur=0.8, root=0.01)
     coarse: DescriptorSettings = DescriptorSettings(pixels_per_unit=32.0, cell=5, blur=0.8, root=0.01)
-    view_limit_tilt_deg: float = Field(40.0, gt=0, description="largest tilt of the rendered views")
-    view_limit_pan_deg: float = Field(50.0, gt=0, description="largest pan of the rendered views")
+    view_limit_tilt_deg: float = Field(40.0, gt=0, lt=90, description="largest tilt of the rendered views")
+    view_limit_pan_deg: float = Field(50.0, gt=0, lt=90, description="largest pan of the rendered views")
     view_crowding: float = Field(1.4, gt=0, description="spacing exponent: 1 is even, more is denser near frontal")
-    views_per_angle: int = Field(10, ge=4, description="number of rendered tilts, and of rendered pans")
+    views_per_angle: int = Field(10, ge=4, le=50, description="number of rendered tilts, and of rendered pans")
     light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views: logarithm of its gain")
     eye_share: float = Field(0.2, ge=0, description="weight of moved eyes in the covariance, relative to all views")
     closing_share: float = Field(0.25, gt=0, description="eye closure above which the eye landmarks are ignored")
@@ -131,7 +141,9 @@ class RealtimeSettings(Settings):
         gt=0,
         description="standard deviation of the change per frame: jaw_drop, as a mouth opens within a few frames",
     )
-    motion_grid: int = Field(7, ge=2, description="sampling points along each side of a patch whose motion is measured")
+    motion_grid: int = Field(
+        7, ge=2, le=50, description="sampling points along each side of a patch whose motion is measured"
+    )
     motion_patch: float = Field(0.2, gt=0, description="half the side of such a patch, CANDIDE units")
     motion_corner: float = Field(
         0.08, gt=0, description="half the side of the patches at the mouth corners, close to skin that does not move"
@@ -177,8 +189,12 @@ class RealtimeSettings(Settings):
     lateral_sd: float = Field(
         0.005, gt=0, description="standard deviation of a landmark across the first frame's ray, CANDIDE units"
     )
-    axes_tilt_share: float = Field(0.2, description="fraction of the shape's lean that the axes follow, in tilt")
-    axes_pan_share: float = Field(0.45, description="fraction of the shape's lean that the axes follow, in pan")
+    axes_tilt_share: float = Field(
+        0.2, ge=0, le=10, description="fraction of the shape's lean that the axes follow, in tilt"
+    )
+    axes_pan_share: float = Field(
+        0.45, ge=0, le=10, description="fraction of the shape's lean that the axes follow, in pan"
+    )
     location_sd: float = Field(0.05, gt=0, description="smallest systematic error of a landmark, pixels of the crop")
     temple_sd: float = Field(2.0, gt=0, description="the same at the temples, where light and hair change")
     location_rate: float = Field(0.02, ge=0, lt=1, description="per-frame rate of that error's moving average")
@@ -203,6 +219,13 @@ class RealtimeSettings(Settings):
     )
     view_turn_deg: float = Field(12.0, gt=0, description="rotation below which it is not learned")
 
+    @field_validator("descriptor", "coarse")
+    @classmethod
+    def _has_derivatives(cls, descriptor: DescriptorSettings) -> DescriptorSettings:
+        if descriptor.kernel != "mien":
+            raise ValueError("the kernel must be mien, the only one with derivatives")
+        return descriptor
+
 
 SomeSettings = TypeVar("SomeSettings", bound=Settings)
 
@@ -214,7 +237,7 @@ def read_settings(path: Path, kind: type[SomeSettings]) -> SomeSettings:
     Raises MienError naming the file if it cannot be read, or has an unknown setting or an invalid value.
     """
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise MienError(f"{path} cannot be read ({error.strerror}); give a JSON file with settings") from error
     except ValueError as error:

@@ -1,4 +1,5 @@
-"""CSV files of mien and OpenFace, and those of spreadsheets in locales with decimal commas, separated by semicolons."""
+"""CSV files of mien and OpenFace, and those of spreadsheets: separated by tabs, or by semicolons where decimals have
+commas."""
 
 from __future__ import annotations
 
@@ -15,14 +16,16 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(e[-+]?\d+)?\s*", re.IGNORECASE)
 
 @contextmanager
 def opened_csv(path: Path) -> Iterator[TextIO]:
-    """The CSV as comma-separated text with decimal points: the file itself, or a converted copy if it uses semicolons.
+    """The CSV as comma-separated text with decimal points: the file itself, or a converted copy if it uses semicolons
+    or tabs.
 
     Raises UnicodeDecodeError or csv.Error if it cannot be read.
     """
     with path.open(encoding="utf-8-sig", newline="") as file:
         names = file.readline()
         file.seek(0)
-        yield file if names.count(";") <= names.count(",") else _from_semicolons(file)
+        delimiter = max(",;\t", key=names.count)  # the comma if there is none
+        yield file if delimiter == "," else _with_commas(file, delimiter)
 
 
 def csv_rows(path: Path) -> Iterator[dict[str, str]]:
@@ -35,10 +38,10 @@ def csv_rows(path: Path) -> Iterator[dict[str, str]]:
             yield {name.strip(): (cell or "").strip() for name, cell in row.items() if isinstance(name, str)}
 
 
-def _from_semicolons(file: TextIO) -> StringIO:
-    """Convert a semicolon-separated CSV to commas and decimal points."""
+def _with_commas(file: TextIO, delimiter: str) -> StringIO:
+    """Convert a CSV with another delimiter to commas and decimal points."""
     written = StringIO(newline="")
-    rows = csv.reader(file, delimiter=";")
+    rows = csv.reader(file, delimiter=delimiter)
     csv.writer(written, lineterminator="\n").writerows(map(_with_decimal_point, row) for row in rows)
     written.seek(0)
     return written

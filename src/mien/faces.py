@@ -135,8 +135,8 @@ def track_faces(
     """
     tracker = create_tracker(preset)
     inputs = (video, camera, file_of(preset))
-    files = Destination.checked(save, overlay, plot, inputs)
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
+    files = Destination.checked(save, overlay, plot, inputs)
     check_passes(passes, footage.video, tracker, preset)
     name, count = footage.video.name, footage.frame_count
     require(isinstance(faces, int) and faces >= 1, f"{faces!r} faces to track; give 1 or more")

@@ -32,7 +32,6 @@ from mien.output.window import Window, require_screen
 from mien.registry import checked, create_tracker, file_of
 from mien.start import TURNED_DEG, Footage, Start, before_landmarks, before_start, prepare, requested_options
 from mien.threads import one_blas_thread
-from mien.tracking.axes import HeadAxes
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Source, Video, backwards, open_video, refuse_among_images
 
@@ -61,13 +60,6 @@ class RepeatableTracker(Protocol):
     """A tracker that can start again with what it has learned."""
 
     def again(self) -> Tracker: ...
-
-
-@runtime_checkable
-class AxesTracker(Protocol):
-    """A tracker that refines its estimate of the head axes while tracking."""
-
-    axes: HeadAxes
 
 
 @one_blas_thread()
@@ -105,10 +97,10 @@ def track(
     the files are those of the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
+    footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera, file_of(preset)))
     if show:
         require_screen()
-    footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
     count = footage.frame_count
     total = None if count is None else passes * count
 
@@ -214,7 +206,8 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
 def _finished_track(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:
     """The recorded track, with its rotations expressed in the head axes as the tracker finally knows them."""
     track = recorder.track(values)
-    return track.turned(tracker.axes.report_anew()) if isinstance(tracker, AxesTracker) else track
+    report_anew = getattr(getattr(tracker, "axes", None), "report_anew", None)
+    return track.turned(report_anew()) if callable(report_anew) else track
 
 
 def _next_tracker(this: Pass) -> Tracker:

@@ -46,7 +46,8 @@ def create_tracker(name: str) -> Tracker:
     Raises MienError for an unknown name, listing the known ones, and for invalid settings.
     """
     require(isinstance(name, str), f"a tracker is given by its name, not by {name!r}")
-    known = name.partition(":")[0]
+    known, colon, file = name.partition(":")
+    require(not colon or bool(file), f"{name} names no file after the colon; give one, or {known} alone")
     module, _, cls = TRACKERS.get(known, name).partition(":")
     found = _module(module) if cls and module and not module.startswith(".") else None
     require(

@@ -411,7 +411,7 @@ def read_camera(path: str | Path, frame: Frame | None = None) -> Camera:
     require(isinstance(path, (str, Path)), f"the camera is {type(path)}; give mien.Camera or the name of a JSON file")
     path = Path(path)
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(path.read_text(encoding="utf-8-sig"))
         tracked = values.get("video", {})
         values = values.get("camera", values)
         if frame and "width" in tracked and (tracked["width"], tracked["height"]) != (frame.width, frame.height):

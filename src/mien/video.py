@@ -256,9 +256,10 @@ class VideoFile:
     def _ends_early(self, count: int, until: float) -> bool:
         """Whether frames are missing after `until`; without a stated count, the duration may be that of the audio."""
         missing = self.begin + self.duration - until
-        return missing > 0.5 / self.fps and (
-            count < self.declared or (self.declared == 0 and missing > max(1.0, 0.05 * self.duration))
-        )
+        if self.declared == 0:
+            return missing > max(1.0, 0.05 * self.duration)
+        # A part that was cut out without decoding has frames before it that count, but are not shown.
+        return missing * self.fps > max(0.5, 0.5 * (self.declared - count)) and count < self.declared
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -58,6 +59,22 @@ def test_standard_error_comes_back_after_the_last_of_those_who_silenced_it(monke
     other.__exit__(None, None, None)
     assert os.fstat(2).st_ino == before
     assert sys.stderr is sys.__stderr__
+
+
+def test_standard_error_is_the_programs_own_while_it_gives_the_next_frame() -> None:
+    """A progress bar and warnings go there."""
+    own = os.fstat(2).st_ino
+    seen = []
+
+    def frames() -> Iterator[Frame]:
+        for frame in (_texture(), small_motion().frames[0]):
+            seen.append(os.fstat(2).st_ino)
+            yield frame
+
+    assert detector.first_with_a_face(frames()) is not None
+    face = detector.detect(small_motion().frames[0])[0]
+    assert len(list(detector.follow(face, frames()))) == 1
+    assert seen == [own] * 4
 
 
 def test_threads_share_what_finds_faces(monkeypatch: pytest.MonkeyPatch) -> None:

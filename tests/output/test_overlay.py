@@ -136,6 +136,16 @@ def test_an_interrupted_video_holds_what_was_written(tmp_path: Path) -> None:
         assert len(list(container.decode(video=0))) == 1
 
 
+def test_a_video_that_fails_leaves_the_one_that_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "overlay.mp4"
+    path.write_bytes(b"of yesterday")
+    with pytest.raises(ZeroDivisionError), OverlayWriter(path) as writer:  # noqa: PT012
+        writer.write(np.zeros((48, 64, 3), np.uint8), 0.0)
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"of yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(MienError, match=r"nowhere.*cannot be written"):
         OverlayWriter(tmp_path / "nowhere" / "overlay.mp4")

@@ -202,6 +202,14 @@ def test_every_rotation_is_turned_alike(track: Track) -> None:
     assert turned.table["pose_Rx"].null_count == track.table["pose_Rx"].null_count > 0
 
 
+def test_columns_of_your_own_stay_behind_those_of_mien(track: Track) -> None:
+    own = pa.array(["still"] * len(track))
+    table = track.table.add_column(0, "my_note", own).add_column(1, "my_note_2", own)
+    lost = Track(table, track.metadata).without(["it was told to", *[None] * (len(track) - 1)])
+    assert lost.table.column_names[-2:] == ["my_note", "my_note_2"]
+    assert lost.status[0] == "lost"
+
+
 def test_a_track_without_rotations_has_none_to_turn() -> None:
     track = Track.from_estimates([lost(0), lost(1)])
     assert track.turned(exp(np.array([0.1, 0.0, 0.0]))) is track
@@ -375,6 +383,7 @@ def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Pa
         {"encoding": "utf-8-sig"},
         {"lineterminator": "\r\n"},
         {"sep": ";"},
+        {"sep": "\t"},
         {"sep": ";", "decimal": ",", "encoding": "utf-8-sig", "lineterminator": "\r\n"},
     ],
 )
@@ -386,6 +395,16 @@ def test_a_table_that_others_have_written_again_is_read(how: dict[str, Any], tra
     assert again.table.select(track.table.column_names).equals(track.table)
     assert again.table.column("condition").to_pylist() == ['control, left; "1,5"'] * 4
     assert again.table.column("age").to_pylist() == [31] * 4
+
+
+def test_whole_numbers_that_have_become_decimals_are_read(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    table = track.to_pandas()
+    table.astype({"frame": float, "success": float}).to_csv(tmp_path / "out.csv", index=False)
+    assert Track.read(tmp_path / "out.csv").table.equals(track.table)
+    table.assign(frame=table.frame + 0.5).to_csv(tmp_path / "out.csv", index=False)
+    with pytest.raises(MienError, match=r"out\.csv is not a track of mien"):
+        Track.read(tmp_path / "out.csv")
 
 
 def test_a_plot_has_the_ending_of_a_picture(track: Track, tmp_path: Path) -> None:

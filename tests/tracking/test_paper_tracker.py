@@ -13,6 +13,7 @@ from mien.errors import MienError
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.synthetic import SyntheticSequence
+from mien.tracking import paper
 from mien.tracking.paper import PaperTracker, learn_views
 from mien.tracking.state import Estimate, Status
 from small_motion import face, run, small_motion, turn_error_deg
@@ -92,7 +93,21 @@ def test_a_face_that_leaves_the_image_is_no_exception(across: float, down: float
     estimates = run(PaperTracker(QUICK), truth)
     assert len(estimates) == len(truth.frames)
     for estimate in estimates:
-        assert (estimate.status is Status.LOST) == (estimate.rotation is None)
+        assert estimate.rotation is None or np.isfinite(estimate.rotation).all()
+        assert (estimate.status is Status.LOST) == (estimate.landmarks is None)
+
+
+def test_what_was_observed_is_learned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the frame after it, and not in every frame in which the face is lost."""
+    tracker = PaperTracker(QUICK)
+    tracker.initialize(face().frame, face().landmarks, face().camera)
+    monkeypatch.setattr(paper, "in_view", lambda X, camera, frame: False)
+    means = []
+    for _ in range(3):
+        assert tracker.track(face().frame).status is Status.LOST
+        means.append(tracker.gaussians.mu)
+    np.testing.assert_array_equal(means[1], means[0])
+    np.testing.assert_array_equal(means[2], means[0])
 
 
 @pytest.mark.parametrize("across", [4.0, -4.0])
@@ -106,7 +121,7 @@ def test_a_face_outside_the_image_is_lost_and_looked_for_where_it_was_first(acro
     assert lost.rotation is None
     assert lost.landmarks is None
     again = tracker.track(face().frame)
-    assert again.status is Status.TRACKED
+    assert again.status is Status.RECOVERED
     assert again.rotation is not None
     assert np.degrees(angle_between(again.rotation, face().fit.R)) < 8
 

@@ -304,13 +304,31 @@ def test_the_jaw_is_followed(estimates: list[Estimate]) -> None:
     assert np.corrcoef(found, sequence().animation[:, jaw])[0, 1] > 0.95
 
 
+def test_an_estimate_is_the_callers_own() -> None:
+    """What is done to it does not move the face that is tracked."""
+    tracker = RealtimeTracker()
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    estimate = tracker.track(frame)
+    known = tracker.pose
+    kept = known.t.copy(), known.animation.copy()
+    assert estimate.translation is not None
+    assert estimate.animation is not None
+    translation, animation = estimate.translation, estimate.animation
+    translation *= estimate.mm_per_unit
+    animation += 1
+    np.testing.assert_array_equal(known.t, kept[0])
+    np.testing.assert_array_equal(known.animation, kept[1])
+
+
 def test_visibility_and_confidence_are_in_their_range(estimates: list[Estimate]) -> None:
     for estimate in estimates:
         assert estimate.landmarks is not None
         assert estimate.landmarks.visibility is not None
         assert estimate.landmarks.distance is not None
         assert ((estimate.landmarks.visibility >= 0) & (estimate.landmarks.visibility <= 1)).all()
-        assert (estimate.landmarks.distance >= 0).all()
+        unseen = estimate.landmarks.visibility == 0
+        np.testing.assert_array_equal(np.isnan(estimate.landmarks.distance), unseen)
         assert 0 <= estimate.confidence <= 1
 
 

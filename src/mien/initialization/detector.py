@@ -24,7 +24,7 @@ import numpy as np
 from mien.arrays import Array, Pixels
 from mien.frame import Frame
 from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Place, Point, place_of
-from mien.initialization.mediapipe_mesh import MediaPipeMesh, silenced
+from mien.initialization.mediapipe_mesh import MediaPipeMesh
 from mien.initialization.opencv_mesh import OpenCVMesh, crop_matrix, uncrop
 
 _COPIES = (
@@ -251,14 +251,13 @@ MediaPipe's keep threads and memory of their own."""
 
 @contextlib.contextmanager
 def _finder(faces: int) -> Iterator[_Finder]:
-    """A finder for at most this many faces, with its log output suppressed, which no other thread has meanwhile."""
+    """A finder for at most this many faces, which no other thread has meanwhile."""
     idle = _idle[os.getpid(), faces]
-    with silenced():
-        try:
-            finder = idle.pop()
-        except IndexError:
-            finder = _Finder(faces)
-        try:
-            yield finder
-        finally:
-            idle.append(finder)
+    try:
+        finder = idle.pop()
+    except IndexError:
+        finder = _Finder(faces)
+    try:
+        yield finder
+    finally:
+        idle.append(finder)

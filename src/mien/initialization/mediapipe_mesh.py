@@ -22,21 +22,25 @@ class MediaPipeMesh:
 
     def __init__(self, faces: int) -> None:
         """faces: maximum number of faces. Raises ImportError if MediaPipe is not installed."""
-        self.mesh = import_solution("face_mesh", "FaceMesh")(
-            static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
-        )
+        with silenced():
+            self.mesh = import_solution("face_mesh", "FaceMesh")(
+                static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
+            )
         self.detection: Any = None
 
     def faces(self, pixels: Pixels) -> list[Array]:
         """Points (478, 3) of every detected face of an image (H, W, 3), RGB; see `read_faces`."""
-        return read_faces(self.mesh, pixels)
+        with silenced():
+            return read_faces(self.mesh, pixels)
 
     def places(self, pixels: Pixels) -> list[Place]:
         """Candidate places of near and distant faces."""
-        if self.detection is None:
-            self.detection = import_solution("face_detection", "FaceDetection")(model_selection=1)
+        with silenced():
+            if self.detection is None:
+                self.detection = import_solution("face_detection", "FaceDetection")(model_selection=1)
+            answer = self.detection.process(np.ascontiguousarray(pixels)).detections or []
         places = []
-        for found in self.detection.process(np.ascontiguousarray(pixels)).detections or []:
+        for found in answer:
             box, extent = found.location_data.relative_bounding_box, pixels.shape[1::-1]
             size = np.array([box.width, box.height]) * extent
             places.append((np.array([box.xmin, box.ymin]) * extent + 0.5 * size, float(size.max())))

@@ -189,7 +189,7 @@ def column_type(name: str) -> pa.DataType | None:
 
 
 def sort_columns(names: Sequence[str]) -> list[str]:
-    """Sort column names in the order of the file; a table may have only some of them."""
+    """Sort column names in the order of the file; a table may have only some of them, and its own after them."""
     return sorted(names, key=_column_position)
 
 
@@ -208,7 +208,7 @@ def _column_position(name: str) -> tuple[int, int]:
     if name in _STEMS:
         return _STEMS.index(name), 0
     stem, _, number = name.rpartition("_")
-    return _STEMS.index(stem), int(number)
+    return (_STEMS.index(stem), int(number)) if stem in _STEMS and number.isdecimal() else (len(_STEMS), 0)
 
 
 def _columns(groups: Sequence[_Group], estimates: Sequence[Estimate]) -> dict[str, pa.Array]:

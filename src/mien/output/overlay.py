@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.arrays import Array, Pixels
-from mien.errors import require
+from mien.errors import interruption, require
 from mien.files import create_temporary, move_into_place, named_errors, whole_file
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -128,7 +128,7 @@ class OverlayWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        self.close(keep=error is None or isinstance(interruption(error), KeyboardInterrupt))
 
     def write(self, pixels: Pixels, time: float) -> None:
         """Append (H, W, 3) RGB pixels, displayed from `time` (seconds) on."""
@@ -144,14 +144,14 @@ class OverlayWriter:
         with named_errors(self.path):
             self._container.mux(self._stream.encode(picture))
 
-    def close(self) -> None:
-        """Finish the file and give it its name. A video without frames leaves no file."""
+    def close(self, keep: bool = True) -> None:
+        """Finish the file and give it its name, or remove it. A video without frames leaves no file."""
         try:
             with named_errors(self.path):
                 if self._last_pts >= 0:
                     self._container.mux(self._stream.encode())
                 self._container.close()
-                if self._last_pts >= 0:
+                if self._last_pts >= 0 and keep:
                     move_into_place(self._temporary, self.path)
         finally:
             self._temporary.unlink(missing_ok=True)

@@ -211,7 +211,7 @@ class Track:
         try:
             table = _read_parquet(path) if ending == ".parquet" else _read_csv(path)
             reading = beside
-            metadata = json.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
+            metadata = json.loads(beside.read_text(encoding="utf-8-sig")) if beside.is_file() else {}
         except (pa.ArrowException, OSError, ValueError, CSVError) as error:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
         missing = _IN_EVERY_ROW - set(table.column_names)
@@ -338,12 +338,15 @@ def _read_csv(path: Path) -> pa.Table:
         names = [n.strip() for n in next(reader(file), [])]
         content = file.getvalue().encode() if isinstance(file, StringIO) else path.read_bytes()
     types = {n: known for n in names if (known := column_type(n)) is not None}
+    # pandas writes whole numbers as 1.0 once a column has had gaps.
+    read_as = {n: pa.float64() if known == pa.int64() else known for n, known in types.items()}
     missing = ["", "NA", "NaN", "nan"]
-    options = csv.ConvertOptions(column_types=types, null_values=missing, strings_can_be_null=True)
+    options = csv.ConvertOptions(column_types=read_as, null_values=missing, strings_can_be_null=True)
     # Not by its path: PyArrow opens no file whose name is not UTF-8.
-    return csv.read_csv(
+    table = csv.read_csv(
         pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
     )
+    return table.cast(pa.schema([(n, types.get(n, table.schema.field(n).type)) for n in names]))
 
 
 def _read_parquet(path: Path) -> pa.Table:

@@ -69,23 +69,25 @@ class PaperTracker:
         self.prior_sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation)
         self.simplex = Simplex(s.simplex_spread * self.prior_sd, s.simplex_evaluations, np.random.default_rng(s.seed))
         self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
-        self.observed = self._likelihood(frame).observe(self.b)
+        self.observed: Float32 | None = self._likelihood(frame).observe(self.b)
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
         """Section 3.2: update the Gaussians with the last observation, then minimise Eq. (9)."""
         require_next_of(self.size, frame)
         s = self.settings
-        self.gaussians = self.gaussians.update(self.observed, s.forgetting, s.innovation == "mean")
+        if self.observed is not None:  # each observation counts once
+            self.gaussians = self.gaussians.update(self.observed, s.forgetting, s.innovation == "mean")
         likelihood = self._likelihood(frame)
         posterior = Posterior(likelihood, GaussianPrior(self.b, self.prior_sd))
         self.b = self.simplex.minimize(posterior, self.b).b
         if not in_view(self.landmarks.in_camera(self.b), self.camera, frame):
             # Nothing of the face is left in the image: go back to where it can be seen again.
-            self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
+            self.b, self.observed = pack(self.fit.R, self.fit.t, self.fit.animation), None
             return Estimate.lost(frame, "the face left the image", self.fit.mm_per_unit)
+        status = Status.RECOVERED if self.observed is None else Status.TRACKED
         self.observed = likelihood.observe(self.b)
-        return self._estimate(frame, Status.TRACKED)
+        return self._estimate(frame, status)
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
@@ -105,6 +107,7 @@ class PaperTracker:
         R, t, animation = unpack(self.b)
         X = self.landmarks.in_camera(self.b)
         image, _ = self.camera.project(X)
+        assert self.observed is not None, "an estimate is of what was observed"
         distance = np.sqrt(self.gaussians.squared_distance(self.observed))
         tracked = TrackedLandmarks(LANDMARK_NAMES, image, X, None, distance)
         return Estimate(

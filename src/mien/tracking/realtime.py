@@ -121,8 +121,9 @@ class RealtimeTracker:
         self.closing = self.person.closing(solution)
         if self.closing is None:
             warn(
-                f"the eyes are shut or too small at {frame.time:.2f} s, where tracking begins: eyes_closed is not "
-                "estimated; begin where they are open, with --start"
+                f"the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, so that "
+                "eyes_closed is not estimated; `mien landmarks` with --start finds landmarks where they are open, and "
+                "--landmarks learns it there"
             )
         return solution
 
@@ -149,7 +150,7 @@ class RealtimeTracker:
             found = self._recover(frame) if search else None
             if found is None:
                 return self._lose(frame, view, solution)
-            view, solution = found
+            (view, solution), status = found, Status.RECOVERED
         elif self._doubts(solution):
             found = self._recover(frame, _BETTER * solution.misfit)
             if found is not None:
@@ -336,7 +337,7 @@ class RealtimeTracker:
             self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, lids, self.solver.camera_vector
         )
         d2, share = solution.seen(self.settings.seen_distance)
-        distance = np.sqrt(solution.d2[:n])
+        distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
@@ -345,6 +346,6 @@ class RealtimeTracker:
         )
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(
-            frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t, self.pose.animation,
-            covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
+            frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),
+            self.pose.animation.copy(), covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
         )  # fmt: skip

@@ -41,7 +41,8 @@ class TrackedLandmarks:
     """Landmarks of one frame: n names, (n, 2) pixels, (n, 3) CANDIDE units in camera axes.
 
     visibility: (n,) probability that nothing hides the landmark; distance: (n,) Mahalanobis distance of what was
-    seen from what was expected. What a tracker does not estimate is None.
+    seen from what was expected, NaN where the landmark does not face the camera. What a tracker does not estimate is
+    None.
     """
 
     names: tuple[str, ...]
