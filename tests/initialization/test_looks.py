@@ -54,6 +54,16 @@ def test_a_face_at_rest_that_looks_into_the_camera() -> None:
     np.testing.assert_allclose(errors(look(), look(scale=2), look((0, 0, 30))), 1, atol=1e-6)
 
 
+def test_a_grin_costs_even_where_it_is_usual() -> None:
+    """Units count from what is learned. A mouth is as wide as it is where it never is narrower."""
+    wide = replace(look(), points=look().points.copy())
+    corners, (right, left) = [61, 291], wide.points[[61, 291]]
+    wide.points[corners] += 0.3 * np.array([right - left, left - right])
+    grins, rests = errors(wide, wide, wide, look())[[0, 3]]
+    assert grins > rests + 1
+    np.testing.assert_allclose(errors(wide, wide), 1, atol=1e-6)
+
+
 def test_the_rotation_of_a_look_is_measured_from_the_first() -> None:
     R, lips = face().fit.R, {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
     turned = rotation_of(look((8, -20, 5), 2.0, lips), look(), Camera(1e9, 200, 200), R)
