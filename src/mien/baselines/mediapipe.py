@@ -39,6 +39,7 @@ class MediaPipeTracker:
             except ImportError as e:
                 raise MienError(NOT_INSTALLED) from e
             self._mesh = face_mesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)
+            read_faces(self._mesh, np.zeros((8, 8, 3), np.uint8))  # its threads log until they are ready
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None

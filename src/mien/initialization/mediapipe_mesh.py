@@ -26,6 +26,7 @@ class MediaPipeMesh:
             self.mesh = import_solution("face_mesh", "FaceMesh")(
                 static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
             )
+            read_faces(self.mesh, np.zeros((8, 8, 3), np.uint8))  # its threads log until they are ready
         self.detection: Any = None
 
     def faces(self, pixels: Pixels) -> list[Array]:
