@@ -150,23 +150,14 @@ def track_faces(
             rounds = passes * max(together, tracks) + (overlay is not None)
             progress(estimate, None if count is None else count * rounds)
 
+    run = _Run(footage, preset, passes, at_once, files, inputs)
     found: list[TrackedFace] = []
     for appearance in _appearances(detections):
-        unknown = _unknown_part(appearance, found)
-        if len(found) == faces or not unknown:
-            continue
-        begin = _prepare(unknown[0], footage, at_once)
-        if begin is not None and begin.instead is not None and _is_known(_sighting(begin.landmarks), found):
-            begin = begin.instead
-        if begin is not None and not _is_known(_sighting(begin.landmarks), found):
-            first = Pass(begin, preset, create_tracker(preset), face_id=len(found))
-            of_face = replace(files.of_face(len(found)), overlay=None)
-            of_face.check(inputs)
-            apart = len(unknown) < len(appearance)
-            tracked = _track_face(first, passes, found, apart, of_face, partial(report, len(found) + 1))
+        if len(found) < faces:
+            tracked = run.track(appearance, found, partial(report, len(found) + 1))
             found += [tracked] if tracked else []
-    found = [replace(face, track=_without_other_faces(face, found)) for face in found]
     require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
+    found = [replace(face, track=_without_other_faces(face, found)) for face in found]
     if files.overlay is not None:
         _draw(files.overlay, footage.frames(), found, partial(report, len(found)))
     summary = {"complete": True, "stopped": None, "faces": len(found), "faces_wanted": faces}
@@ -175,6 +166,34 @@ def track_faces(
         files.of_face(face_id).write(track)
     files.warn_if_stale(len(tracks))
     return tracks
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What the tracking of all faces of a video has in common. inputs: files that must not be overwritten."""
+
+    footage: Footage
+    preset: str
+    passes: int
+    at_once: bool
+    files: Destination
+    inputs: tuple[object, ...]
+
+    def track(
+        self, appearance: Sequence[Sighting], found: Sequence[TrackedFace], report: Callable[[Estimate], None]
+    ) -> TrackedFace | None:
+        """Track the face of an appearance from where no track that was found has it; None if there is nothing to
+        track, or nothing that others do not have."""
+        unknown = _unknown_part(appearance, found)
+        begin = _prepare(unknown[0], self.footage, self.at_once) if unknown else None
+        if begin is not None and begin.instead is not None and _is_known(_sighting(begin.landmarks), found):
+            begin = begin.instead
+        if begin is None or _is_known(_sighting(begin.landmarks), found):
+            return None
+        first = Pass(begin, self.preset, create_tracker(self.preset), face_id=len(found))
+        files = replace(self.files.of_face(len(found)), overlay=None)
+        files.check(self.inputs)
+        return _track_face(first, self.passes, found, len(unknown) < len(appearance), files, report)
 
 
 def _detections(footage: Footage) -> Iterator[list[Sighting]]:
