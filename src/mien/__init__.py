@@ -17,10 +17,11 @@ if TYPE_CHECKING:  # for editors and type checkers only; at run time `__getattr_
     from mien.live import stream
     from mien.output.track import Track
     from mien.pipeline import track
-    from mien.tracking.state import Estimate, Status, Tracker
+    from mien.tracking.state import EXPRESSION_NAMES, Estimate, Status, Tracker
 
 # Loaded on first use, so that `import mien` and `mien --help` stay fast.
 _HOME = {
+    "EXPRESSION_NAMES": "mien.tracking.state",
     "Camera": "mien.geometry.camera",
     "Candide": "mien.candide.model",
     "Estimate": "mien.tracking.state",
@@ -36,6 +37,7 @@ _HOME = {
     "track_faces": "mien.faces",
 }
 __all__ = [
+    "EXPRESSION_NAMES",
     "Camera",
     "Candide",
     "Estimate",

@@ -104,7 +104,8 @@ def size_of(path: Path) -> int | None:
 
 
 def _umask() -> int:
-    """The process's umask, which `mkstemp` ignores."""
-    mask = os.umask(0)
+    """The process's umask, which `mkstemp` ignores. It can only be read by setting another, a strict one, as other
+    threads may create files meanwhile."""
+    mask = os.umask(0o077)
     os.umask(mask)
     return mask

@@ -1,8 +1,9 @@
-"""Rotations: exponential map, its inverse, and the only place that defines an order of Euler angles.
+"""Rotations: exponential map, its inverse, and the Euler angles that are reported.
 
 Head axes are CANDIDE's (x to the subject's left, y up, z out of the face); camera axes are x right,
 y down, z forward. A head that faces the camera has `R_camera_head = FACING`; all reported angles are those
-of `R_camera_head @ FACING`, which is then the identity.
+of `R_camera_head @ FACING`, which is then the identity. Other orders are used inside: tilt, pan and roll of rendered
+views in `appearance/views.py`, those of the paper's measures in `evaluation/protocols.py`.
 """
 
 from __future__ import annotations

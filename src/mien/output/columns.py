@@ -48,10 +48,6 @@ ROTATION_SD, ANIMATION_SD = _sd(ROTATION), _sd(TRACKED_UNITS)
 (EYES_CLOSED_SD,) = _sd([EYES_CLOSED])
 
 
-def _translation(e: Estimate) -> Array | None:
-    return None if e.translation is None else e.translation * e.mm_per_unit
-
-
 def _state_sd(e: Estimate, part: slice) -> Array | None:
     return None if e.covariance is None else np.sqrt(np.maximum(np.diag(e.covariance)[part], 0.0))
 
@@ -78,7 +74,7 @@ def _visibility(e: Estimate) -> Array | None:
     return None if known is None else known.visibility
 
 
-_POSE = (_Group(TRANSLATION, 3, _translation), _Group(ROTATION, 6, lambda e: e.euler))
+_POSE = (_Group(TRANSLATION, 3, lambda e: e.translation_mm), _Group(ROTATION, 6, lambda e: e.euler))
 _OTHER = (
     _Group(TRACKED_UNITS, 5, lambda e: e.animation),
     _Group((EYES_CLOSED,), 3, lambda e: None if e.closing is None else np.array([e.closing.share])),

@@ -96,6 +96,11 @@ class Estimate:
         return np.append(units, np.nan if self.closing is None else self.closing.share)
 
     @property
+    def translation_mm(self) -> Array | None:
+        """`translation` (3,) in millimetres."""
+        return None if self.translation is None else np.asarray(self.translation * self.mm_per_unit)
+
+    @property
     def euler(self) -> Array | None:
         """Angles (3,) in radians of `R = Rx Ry Rz` in camera axes, zero when facing the camera."""
         return None if self.rotation is None else euler_from_matrix(self.rotation @ FACING)
