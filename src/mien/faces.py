@@ -1,9 +1,9 @@
 """Track all faces in a video, one after the other, each as if it were alone.
 
 There is no face recognition. Faces are detected twice a second throughout the video. Consecutive detections in about
-the same place are one appearance; the first appearance that no track covers is tracked next, from its beginning to the
-end of the video, as the face may appear again. A tracker that has lost its face may lock on to another one: where two
-tracks have the same face, the less confident one counts as lost.
+the same place, or where a moving face goes on, are one appearance; the first appearance that no track covers, at least
+for a second, is tracked next, from there to the end of the video, as the face may appear again. A tracker that has lost
+its face may lock on to another one: where two tracks have the same face, the less confident one counts as lost.
 """
 
 from __future__ import annotations
@@ -185,10 +185,10 @@ class _Run:
         """Track the face of an appearance from where no track that was found has it; None if there is nothing to
         track, or nothing that others do not have."""
         unknown = _unknown_part(appearance, found)
-        begin = _prepare(unknown[0], self.footage, self.at_once) if unknown else None
-        if begin is not None and begin.instead is not None and _is_known(_sighting(begin.landmarks), found):
-            begin = begin.instead
-        if begin is None or _is_known(_sighting(begin.landmarks), found):
+        prepared = _prepare(unknown[0], self.footage, self.at_once) if unknown else None
+        starts = (prepared, prepared.instead) if prepared else ()
+        begin = next((start for start in starts if start and not _is_known(_sighting(start.landmarks), found)), None)
+        if begin is None:
             return None
         first = Pass(begin, self.preset, create_tracker(self.preset), face_id=len(found))
         files = replace(self.files.of_face(len(found)), overlay=None)
@@ -229,7 +229,7 @@ def _appearances(detections: Sequence[list[Sighting]]) -> list[list[Sighting]]:
 
 
 def _unknown_part(appearance: Sequence[Sighting], faces: Sequence[TrackedFace]) -> list[Sighting]:
-    """The part of an appearance in which no track has the face: all of it, the longest one of more than a second, where
+    """The part of an appearance in which no track has the face: all of it, the longest one of at least a second, where
     people have passed each other, or none."""
     runs: list[list[Sighting]] = [[]]
     for seen in appearance:
@@ -238,8 +238,9 @@ def _unknown_part(appearance: Sequence[Sighting], faces: Sequence[TrackedFace]) 
         else:
             runs[-1].append(seen)
     longest = max(runs, key=len)
-    known = len(longest) < len(appearance)
-    return [] if known and longest[-1:] and longest[-1].time - longest[0].time < _LEAST_SECONDS else longest
+    whole = len(longest) == len(appearance)
+    lasts = bool(longest) and longest[-1].time - longest[0].time >= _LEAST_SECONDS
+    return longest if whole or lasts else []
 
 
 def _is_known(seen: Sighting, faces: Sequence[TrackedFace]) -> bool:

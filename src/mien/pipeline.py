@@ -167,7 +167,7 @@ def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None]
                 earlier[estimate.index] = estimate
                 if estimate.index >= begin.reported:
                     report(estimate)
-            if begin.instead is not None and begin.has_strayed(earlier):
+            if this.number == 1 and begin.instead is not None and begin.has_strayed(earlier):
                 begin, tracker = replace(begin.instead, reported=max(earlier) + 1), create_tracker(this.preset)
                 this = replace(this, begin=begin, tracker=tracker)
                 warn(

@@ -348,7 +348,10 @@ class Patience:
         """The faces of a frame, largest first, if tracking may start with it; else none."""
         from mien.initialization.detector import detect, detect_once
 
-        faces = [face for face in detect_once(frame, self.at) if face.are_trackable(frame.width, frame.height)]
+        def trackable(faces: Iterable[Landmarks]) -> list[Landmarks]:
+            return [face for face in faces if face.are_trackable(frame.width, frame.height)]
+
+        faces = trackable(detect_once(frame, self.at))
         if not faces:
             if frame.time - self.last_seen > _GONE_SECONDS:
                 self.first_detection = None
@@ -359,7 +362,7 @@ class Patience:
         waited = frame.time - first.time
         if waited < _PATIENCE and not _into_camera(rotation_of(faces[0], first, self.camera, fit.R), fit.t):
             return []
-        return [face for face in detect(frame, self.at) if face.are_trackable(frame.width, frame.height)]
+        return trackable(detect(frame, self.at))
 
 
 def find_face(

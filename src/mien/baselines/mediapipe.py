@@ -18,7 +18,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import exp, log, similarity
 from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_reported
-from mien.initialization.mediapipe_mesh import import_solution, read_faces, silenced
+from mien.initialization.mediapipe_mesh import face_mesh, read_faces, silenced
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install mediapipe==0.10.21 (Python 3.10 to 3.12)"
@@ -33,13 +33,10 @@ class MediaPipeTracker:
     """
 
     def __init__(self) -> None:
-        with silenced():
-            try:
-                face_mesh = import_solution("face_mesh", "FaceMesh")
-            except ImportError as e:
-                raise MienError(NOT_INSTALLED) from e
-            self._mesh = face_mesh(static_image_mode=False, max_num_faces=1, refine_landmarks=True)
-            read_faces(self._mesh, np.zeros((8, 8, 3), np.uint8))  # its threads log until they are ready
+        try:
+            self._mesh = face_mesh(1, static=False)
+        except ImportError as e:
+            raise MienError(NOT_INSTALLED) from e
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None

@@ -117,7 +117,7 @@ def _match(frame: Frame, faces: list[Array], before: Landmarks) -> Landmarks | N
 
 def _relative_distance(a: Landmarks, b: Landmarks) -> float:
     """Mean distance between the points of two faces, over the size of the second."""
-    return float(np.linalg.norm(a.points - b.points, axis=1).mean() / np.ptp(b.points, axis=0).max())
+    return float(np.linalg.norm(a.points - b.points, axis=1).mean() / b.size)
 
 
 def _landmarks(frame: Frame, face: Array) -> Landmarks:

@@ -180,7 +180,7 @@ class Landmarks:
     @property
     def size(self) -> float:
         """Larger side of the face in pixels."""
-        return float(np.ptp(self.points, axis=0).max())
+        return place_of(self.points)[1]
 
     def are_trackable(self, width: int, height: int) -> bool:
         """Whether the face lies inside an image and is large enough to be tracked."""

@@ -22,11 +22,7 @@ class MediaPipeMesh:
 
     def __init__(self, faces: int) -> None:
         """faces: maximum number of faces. Raises ImportError if MediaPipe is not installed."""
-        with silenced():
-            self.mesh = import_solution("face_mesh", "FaceMesh")(
-                static_image_mode=True, max_num_faces=faces, refine_landmarks=True, min_detection_confidence=0.5
-            )
-            read_faces(self.mesh, np.zeros((8, 8, 3), np.uint8))  # its threads log until they are ready
+        self.mesh = face_mesh(faces, static=True)
         self.detection: Any = None
 
     def faces(self, pixels: Pixels) -> list[Array]:
@@ -46,6 +42,16 @@ class MediaPipeMesh:
             size = np.array([box.width, box.height]) * extent
             places.append((np.array([box.xmin, box.ymin]) * extent + 0.5 * size, float(size.max())))
         return places
+
+
+def face_mesh(faces: int, static: bool) -> Any:
+    """MediaPipe's Face Mesh with refined lids and lips, for at most so many faces. static: whether it detects them in
+    each image, instead of following them. Raises ImportError if MediaPipe is not installed."""
+    with silenced():
+        create = import_solution("face_mesh", "FaceMesh")
+        mesh = create(static_image_mode=static, max_num_faces=faces, refine_landmarks=True)
+        read_faces(mesh, np.zeros((8, 8, 3), np.uint8))  # its threads log until they are ready
+    return mesh
 
 
 def read_faces(mesh: Any, pixels: Any) -> list[Array]:
