@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import cache
@@ -12,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.arrays import Pixels
+from mien.frame import Frame
 from mien.initialization.landmark_files import write_landmarks
 from mien.synthetic import Portrait, make_sequence, moved, portrait
+from mien.video import open_video
 
 MILLISECONDS = Fraction(1, 1000)
 
@@ -89,3 +92,10 @@ def portrait_landmarks(path: Path) -> Path:
     """The landmarks of the first of `portrait_images`, written to `path`."""
     write_landmarks(path, known_portrait().landmarks)
     return path
+
+
+def frames_of(path: Path) -> list[Frame]:
+    """The frames of a video that is read without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return list(open_video(path))

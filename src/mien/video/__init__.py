@@ -1,0 +1,28 @@
+"""Sources of frames: a file, a folder of images, a camera, or frames that a program reads itself.
+
+Times are the container's time stamps in seconds, even if the frame rate varies. Every frame becomes 8-bit RGB with
+square pixels, rotated and mirrored as the container says. A frame whose size differs from that of the first is scaled
+to fit it, with black borders and a warning. Frames are decoded one at a time.
+
+The rest of mien imports these names from here, whichever file they are in.
+"""
+
+from mien.video.file import VIDEO_SUFFIXES
+from mien.video.folder import FOLDER_FPS, IMAGE_SUFFIXES, list_images, refuse_among_images
+from mien.video.selection import backwards, decode_frame, expected_count, select
+from mien.video.source import Source, Video, open_video
+
+__all__ = [
+    "FOLDER_FPS",
+    "IMAGE_SUFFIXES",
+    "VIDEO_SUFFIXES",
+    "Source",
+    "Video",
+    "backwards",
+    "decode_frame",
+    "expected_count",
+    "list_images",
+    "open_video",
+    "refuse_among_images",
+    "select",
+]

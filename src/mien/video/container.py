@@ -1,0 +1,65 @@
+"""What PyAV is asked for: to open a file, which of its streams is shown, and the images decoded from that."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mien.errors import MienError
+from mien.files import reason_of
+
+
+def open_container(path: Path) -> Any:
+    """The container of a file with a video stream. Raises MienError for any other file."""
+    import av
+
+    try:
+        # An absolute path, since what stands before a colon would be taken for a protocol.
+        container = av.open(os.path.abspath(path), metadata_errors="ignore")
+    except (av.error.FFmpegError, OSError) as error:
+        raise MienError(f"{path} cannot be read as a video ({reason_of(error)}); check or convert the file") from error
+    # FFmpeg accepts any text file as the format "tty", terminal output.
+    if shown_stream(container) is None or container.format.name == "tty":
+        container.close()
+        raise MienError(f"{path} is not a video; give a video file or a folder of images")
+    return container
+
+
+def shown_stream(container: Any) -> Any:
+    """The video stream that players show; None if there is none but the cover picture of a sound file."""
+    from av.stream import Disposition
+
+    streams = [stream for stream in container.streams.video if not stream.disposition & Disposition.attached_pic]
+    best = container.streams.best("video")
+    return best if best in streams else next(iter(streams), None)
+
+
+def decoded_images(path: Path, begin: float | None = None) -> Iterator[Any]:
+    """Images as PyAV decodes them, with None for a damaged packet, from the beginning or from the key frame before
+    `begin` (seconds)."""
+    import av
+
+    with open_container(path) as container:
+        stream = shown_stream(container)
+        stream.thread_type = "AUTO"
+        try:
+            if begin is not None:
+                container.seek(math.floor(begin / stream.time_base), stream=stream)
+        except av.error.FFmpegError:
+            return
+        packets = container.demux(stream)
+        while True:
+            try:
+                packet = next(packets)
+                images = packet.decode()
+            except StopIteration:
+                return
+            except av.error.EOFError:
+                return
+            except av.error.FFmpegError:
+                yield None
+                continue
+            yield from images

@@ -1,0 +1,133 @@
+"""A video file: what its header states, and the time stamps of its frames. Decoding itself is in `container.py`."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from mien.errors import require, warn
+from mien.frame import Decoded, Display, Frame
+from mien.video.container import decoded_images, open_container, shown_stream
+from mien.video.folder import FOLDER_FPS
+from mien.video.scaling import same_size
+
+VIDEO_SUFFIXES = (
+    ".3gp", ".asf", ".avi", ".dv", ".flv", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf",
+    ".ogv", ".ts", ".vob", ".webm", ".wmv",
+)  # fmt: skip
+"""What counts as a video when a folder is searched; a file given by name may have any suffix."""
+_JUMP_S = 1.0
+"""A backward step in time larger than this means that files were joined; a smaller one is a single wrong time stamp."""
+_MAXIMUM_ASPECT = 4.0
+"""Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """A file that FFmpeg reads, with what its header states; 0 means not stated.
+
+    begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height; may_jump: whether
+    the container format allows files to be concatenated, so that time may jump back.
+    """
+
+    path: Path
+    fps: float
+    begin: float
+    duration: float
+    declared: int
+    aspect: float = 1.0
+    may_jump: bool = False
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    @property
+    def frame_count(self) -> int | None:
+        return self.declared or round(self.duration * self.fps) or None
+
+    def __iter__(self) -> Iterator[Frame]:
+        return same_size(self._frames(), self.name)
+
+    @cached_property
+    def in_order(self) -> bool:
+        """Whether time never jumps back; in concatenated files it does, and two frames may have the same time. If the
+        format allows it, the packets of the whole file are read once to find out."""
+        if not self.may_jump:
+            return True
+        import av
+
+        with open_container(self.path) as container:
+            packets = container.demux(shown_stream(container))
+            times = (packet.dts for packet in packets if packet.dts is not None)
+            try:
+                return all(before <= after for before, after in itertools.pairwise(times))
+            except av.error.FFmpegError:
+                return False
+
+    def between(self, begin: float, until: float) -> Iterator[Frame]:
+        """The frames in the closed interval [begin, until] (seconds), without index and in their original size.
+
+        Decoding starts at the key frame before `begin`; in some containers seeking misses it, and frames are missing.
+        """
+        display = Display()
+        for image in decoded_images(self.path, begin):
+            if image is None or image.time is None or image.time > until:
+                return
+            if image.time >= begin:
+                yield Frame(Decoded(image, display, self.aspect), time=float(image.time))
+
+    def _frames(self) -> Iterator[Frame]:
+        display = Display()
+        count, time, until, damaged = 0, self.begin, self.begin, False
+        offset = 0.0  # added to the time stamps after a backward jump
+        for image in decoded_images(self.path):
+            if image is None:
+                damaged = True
+                continue
+            stamp = until if image.time is None else float(image.time) + offset
+            if count > 0 and stamp < time - _JUMP_S:
+                if offset == 0:
+                    warn(f"{self.path}: time jumps back from {time:.2f} to {stamp:.2f} s; later times are shifted")
+                offset += until - stamp
+            time = stamp if count == 0 or stamp > time else until
+            until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
+            yield Frame(Decoded(image, display, self.aspect), count, time)
+            count += 1
+        require(
+            count > 0,
+            f"{self.path}: no frame could be decoded; the file is empty, damaged, or of a kind that is not supported; "
+            "convert it to MP4",
+        )
+        if damaged or self._ends_early(count, until):
+            of = f" of {self.declared}" if self.declared else ""
+            warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {time:.2f} s")
+
+    def _ends_early(self, count: int, until: float) -> bool:
+        """Whether frames are missing after `until`; without a stated count, the duration may be that of the audio."""
+        missing = self.begin + self.duration - until
+        if self.declared == 0:
+            return missing > max(1.0, 0.05 * self.duration)
+        # A part that was cut out without decoding has frames before it that count, but are not shown.
+        return missing * self.fps > max(0.5, 0.5 * (self.declared - count)) and count < self.declared
+
+
+def open_file(path: Path) -> VideoFile:
+    """A video file with what its header states. Raises MienError if it is not a video."""
+    with open_container(path) as container:
+        stream = shown_stream(container)
+        fps = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
+        begin = stream.start_time * stream.time_base if stream.start_time else 0.0
+        length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
+        if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
+            length = stream.frames / fps
+        matroska = "matroska" in container.format.name
+        if matroska:  # its duration is the end time of the last frame
+            length = max(length - begin, 0)
+        aspect = float(stream.sample_aspect_ratio or 1)
+        aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
+        may_jump = not (stream.frames or matroska)
+        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump)

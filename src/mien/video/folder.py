@@ -1,0 +1,100 @@
+"""A folder of images as a video: which files count, in which order, and how an image becomes 8-bit RGB."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mien.arrays import Pixels
+from mien.errors import require, warn
+from mien.files import real_path
+from mien.frame import Frame
+from mien.video.scaling import same_size
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+FOLDER_FPS = 25.0
+"""Frame rate assumed for a folder of images, which carries no time stamps."""
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """The images of a folder in natural order of their names, at `FOLDER_FPS` frames per second."""
+
+    path: Path
+    images: tuple[Path, ...]
+    fps: float = FOLDER_FPS
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+    @property
+    def frame_count(self) -> int:
+        return len(self.images)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return same_size(self._frames(), self.name)
+
+    def _frames(self) -> Iterator[Frame]:
+        count = bits = 0
+        for index, file in enumerate(self.images):
+            image = _read_image(file)
+            if image is None:
+                warn(f"{file} is not a readable image and was skipped")
+                continue
+            if image.dtype == np.uint16:
+                bits = max(bits, int(image.max()).bit_length())
+                image = _eight_bit(image, bits)
+            yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, index / self.fps)
+            count += 1
+        require(count > 0, f"{self.path}: none of its {len(self.images)} images could be read; check the files")
+
+
+def open_folder(path: Path) -> ImageFolder:
+    """A folder of images as a video. Raises MienError if it holds none."""
+    images = list_images(path)
+    require(bool(images), f"{path} holds no images; mien reads {', '.join(IMAGE_SUFFIXES)}")
+    return ImageFolder(path, tuple(images))
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder in natural order: frame2 before frame10."""
+    found = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    return sorted(found, key=_natural_order)
+
+
+def refuse_among_images(path: Path, video: Path) -> None:
+    """Raise MienError if a file to be written would become one of the images of a folder that is a video."""
+    among = path.suffix.lower() in IMAGE_SUFFIXES and video.is_dir() and real_path(path.parent) == real_path(video)
+    require(not among, f"{path} would become an image of the video {video}; choose a place outside of it")
+
+
+def _natural_order(path: Path) -> list[tuple[int, str]]:
+    """Sort key for natural order."""
+    parts = re.split(r"([0-9]+)", path.name)  # text and numbers alternate
+    return [(int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)] + [(0, path.name)]
+
+
+def _read_image(file: Path) -> Any:
+    """An image (H, W, 3) in BGR, uint8 or uint16, upright as its metadata says; None if it cannot be read."""
+    try:
+        data = np.fromfile(file, np.uint8)
+    except OSError:
+        return None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
+    if image is None or image.dtype in (np.uint8, np.uint16):
+        return image
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+def _eight_bit(image: NDArray[np.uint16], bits: int) -> Pixels:
+    """The upper 8 of the bits that are used: cameras store 10 or 12 bits in files of 16."""
+    used = next(depth for depth in (8, 10, 12, 14, 16) if depth >= bits)
+    return (image >> (used - 8)).astype(np.uint8)

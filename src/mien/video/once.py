@@ -1,0 +1,83 @@
+"""Sources that yield each frame only once: a camera, and frames that a program reads itself; their `path` is None."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import cv2
+import numpy as np
+
+from mien.errors import require
+from mien.frame import Frame
+from mien.video.scaling import same_size
+
+
+@dataclass(frozen=True)
+class CameraDevice:
+    """A camera by its number; times are seconds since its first frame. Iteration ends when the camera stops."""
+
+    number: int
+    path: None = None
+    frame_count: None = None
+    fps: float = 30.0
+
+    @property
+    def name(self) -> str:
+        return f"camera {self.number}"
+
+    def __iter__(self) -> Iterator[Frame]:
+        log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, else OpenCV 4
+        level = log.getLogLevel()
+        log.setLogLevel(0)  # the error below replaces OpenCV's messages
+        device = cv2.VideoCapture(self.number)
+        log.setLogLevel(level)
+        try:
+            require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
+            first: float | None = None
+            for index in itertools.count():
+                success, image = device.read()
+                if not success:
+                    return
+                now = perf_counter()
+                first = now if first is None else first
+                yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, now - first)
+        finally:
+            device.release()
+
+
+@dataclass(frozen=True)
+class GivenFrames:
+    """Frames that a program reads itself; like those of a camera, each can be read only once."""
+
+    frames: Iterable[Frame]
+    path: None = None
+    frame_count: None = None
+    fps: float = 30.0
+    name: str = "the frames"
+
+    def __iter__(self) -> Iterator[Frame]:
+        return same_size(self._checked(), self.name)
+
+    def _checked(self) -> Iterator[Frame]:
+        last, time = -1, -math.inf
+        for frame in self.frames:
+            require(
+                isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)"
+            )
+            require(frame.index >= 0, f"a frame has the index {frame.index}; count them from 0")
+            require(
+                frame.index > last,
+                f"frame {frame.index} comes after frame {last}; number them in order: mien.Frame(pixels, index, time)",
+            )
+            require(
+                frame.time > time,
+                f"frame {frame.index} has the time {frame.time:g} s after {time:g} s; give increasing seconds, as in "
+                "mien.Frame(pixels, index, time.perf_counter())",
+            )
+            last, time = frame.index, frame.time
+            yield frame

@@ -1,0 +1,93 @@
+"""Which frames of a source are read, and in which order: between two times, backwards, or a single one again."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from mien.errors import require
+from mien.frame import Frame
+from mien.video.file import VideoFile
+from mien.video.source import Video
+
+BUFFER_BYTES = 1 << 29
+"""Memory, in bytes, for the frames that are buffered to play a video backwards."""
+
+
+def select(video: Video, start: float | None = None, end: float | None = None) -> Iterator[Frame]:
+    """The frames in the half-open interval `start <= time < end` (seconds), with their indices in the whole video.
+
+    Frames before `start` are decoded and skipped, so that indices stay exact. Raises MienError if the interval is
+    empty or contains no frame.
+    """
+    require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
+    last, found, ended = -math.inf, False, False
+    for frame in video:
+        last = frame.time
+        ended = end is not None and last >= end
+        if ended:
+            break
+        if start is None or last >= start:
+            found = True
+            yield frame
+    after = "" if start is None else f" from {start:g} s" + (" on" if end is None else "")
+    before = "" if end is None else f" before {end:g} s"
+    require(found or last > -math.inf, f"{video.name}: there is no frame")
+    nearest = "the next" if ended else "its last"
+    require(found, f"{video.name} has no frame{after}{before}; {nearest} is at {last:g} s")
+
+
+def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
+    """The frames with `time >= begin` (seconds) and `index < end`, in reverse order.
+
+    At most `BUFFER_BYTES` of frames are buffered at a time; a longer interval is decoded again in parts.
+    """
+    remaining: list[tuple[int, float]] = []
+    buffer: deque[Frame] = deque()
+    for frame in video:
+        if frame.index >= end:
+            break
+        if frame.time >= begin:
+            remaining.append((frame.index, frame.time))
+            buffer.append(frame)
+            if len(buffer) > 1 and len(buffer) * 3 * frame.height * frame.width > BUFFER_BYTES:
+                buffer.popleft()
+    capacity = len(buffer)
+    while buffer:
+        remaining = remaining[: -len(buffer)]
+        size = buffer[0].height, buffer[0].width
+        while buffer:
+            yield buffer.pop()
+        buffer.extend(_decode_frames(video, remaining[-capacity:], size))
+
+
+def decode_frame(video: Video, like: Frame, index: int, time: float) -> Frame:
+    """Decode the frame with this index and time (seconds), in the size of the frame `like`, if possible from the
+    nearest key frame."""
+    return _decode_frames(video, [(index, time)], (like.height, like.width))[0]
+
+
+def _decode_frames(video: Video, stamps: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
+    """Decode the frames with these indices and times: from the nearest key frame, or from the beginning if time jumps
+    back or seeking does not find them all."""
+    if not stamps:
+        return []
+    indices, times = zip(*stamps, strict=True)
+    if isinstance(video, VideoFile) and video.in_order:
+        found = list(video.between(times[0], times[-1]))
+        if [f.time for f in found] == list(times) and all((f.height, f.width) == size for f in found):
+            return [Frame(f.image, index, f.time) for f, index in zip(found, indices, strict=True)]
+    until = itertools.takewhile(lambda frame: frame.index <= indices[-1], video)
+    wanted = set(indices)
+    return [frame for frame in until if frame.index in wanted]
+
+
+def expected_count(video: Video, start: float | None = None, end: float | None = None) -> int | None:
+    """Approximate number of frames that `select` will yield; None if unknown."""
+    if video.frame_count is None:
+        return None
+    first = 0 if start is None else math.ceil(start * video.fps - 1e-6)
+    stop = video.frame_count if end is None else math.ceil(end * video.fps - 1e-6)
+    return max(min(stop, video.frame_count) - first, 1)

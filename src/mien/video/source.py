@@ -1,0 +1,69 @@
+"""What a source of frames is, and how one is opened.
+
+A new kind of source gets a file of its own beside this one, and a line in `open_video`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from numbers import Integral
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from mien.errors import require
+from mien.frame import Frame
+from mien.video.file import open_file
+from mien.video.folder import open_folder
+from mien.video.once import CameraDevice, GivenFrames
+
+
+class Video(Protocol):
+    """A source of frames; each iteration decodes from the beginning.
+
+    path: the file or folder, None for a source that yields each frame only once; fps: mean frames per second;
+    frame_count: expected number of frames, None if unknown.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> Path | None: ...
+    @property
+    def fps(self) -> float: ...
+    @property
+    def frame_count(self) -> int | None: ...
+    def __iter__(self) -> Iterator[Frame]: ...
+
+
+Source = str | Path | int | Iterable[Frame]
+"""A file, a folder of images, the number of a camera, or frames that your own program reads."""
+
+
+def open_video(source: Source) -> Video:
+    """Open a video file, a folder of images sorted by name, a camera by its number, or an iterable of frames.
+
+    Raises MienError if the file does not exist or is not a video.
+    """
+    number = isinstance(source, Integral) and not isinstance(source, bool)
+    if isinstance(source, Iterable) and not isinstance(source, (str, bytes, np.ndarray)):
+        return GivenFrames(source)
+    require(
+        number or isinstance(source, (str, Path)),
+        f"a video is a file, a folder, a number or an iterable of mien.Frame, not {type(source)}",
+    )
+    require(str(source) != "", "the name of the video is empty; give a file, a folder of images or a camera's number")
+    path = Path(str(source))
+    if number or (str(source).isdecimal() and not path.exists()):
+        return CameraDevice(int(str(source)))
+    require(
+        "://" not in str(source), f"{source} is not a file; read the stream yourself and pass frames to mien.stream"
+    )
+    require(path.exists(), f"{path}: no such file; check the name")
+    require(
+        path.is_dir() or path.is_file(),
+        f"{path} is a pipe or a device, but a video is read more than once; save it as a file, or pass its frames to "
+        "mien.stream",
+    )
+    return open_folder(path) if path.is_dir() else open_file(path)

@@ -1,0 +1,95 @@
+"""Images and their grey values, converted only where they are asked for."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from mien.errors import MienError
+from mien.frame import Decoded, Frame
+from mien.video import open_video
+from videos import frames_of, gradient, write_video
+
+
+def test_gray_is_luminance() -> None:
+    frame = Frame(np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    assert frame.gray.shape == (2, 3)
+    assert np.all(frame.gray == 76)  # 0.299 of 255
+    assert (frame.width, frame.height) == (3, 2)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "told"),
+    [
+        (np.zeros((4, 4), np.uint8), "an array (4, 4) of uint8"),
+        (np.zeros((4, 4, 4), np.uint8), "an array (4, 4, 4) of uint8"),
+        (np.zeros((4, 4, 3), np.uint16), "an array (4, 4, 3) of uint16"),
+        (np.zeros((4, 4, 3)), "an array (4, 4, 3) of float64"),
+        (np.zeros((0, 4, 3), np.uint8), "an array (0, 4, 3) of uint8"),
+        ([[[0, 0, 0]]], "<class 'list'>"),
+        (None, "<class 'NoneType'>"),
+    ],
+)
+def test_pixels_that_are_no_rgb_of_8_bits_are_refused(pixels: Any, told: str) -> None:
+    with pytest.raises(MienError, match="in RGB, as cv2") as raised:
+        Frame(pixels)
+    assert told in str(raised.value)
+
+
+PART = slice(5, 30), slice(7, 40)
+
+
+@pytest.mark.parametrize(
+    ("codec", "pix_fmt", "has_luma"),
+    [("libx264", "yuv420p", True), ("libx264", "nv12", True), ("mjpeg", "yuvj422p", True), ("ffv1", "gray", True),
+     ("ffv1", "yuv420p10le", False), ("ffv1", "gray16le", False), ("ffv1", "bgr0", False),
+     ("libx264rgb", "rgb24", False)],
+)  # fmt: skip
+def test_grey_is_there_without_a_conversion_where_luma_is(
+    codec: str, pix_fmt: str, has_luma: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / "video.mkv", [gradient(i) for i in range(4)], codec=codec, pix_fmt=pix_fmt)
+    plain = [cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY) for frame in frames_of(path)]
+    asked: list[Decoded] = []
+    convert = Decoded.rgb
+    monkeypatch.setattr(Decoded, "rgb", lambda image: asked.append(image) or convert(image))
+    for frame, expected in zip(frames_of(path), plain, strict=True):
+        part = frame.gray_part(*PART)
+        assert part.flags.c_contiguous
+        np.testing.assert_array_equal(frame.gray[PART], part)
+        assert frame.brightness.shape == (48, 64)
+        # Luma may have a range of its own, from 16 to 235; what is told of it by gain and offset is the same.
+        gain, offset = np.polyfit(frame.gray.ravel().astype(float), expected.ravel().astype(float), 1)
+        np.testing.assert_allclose(gain * frame.gray + offset, expected, atol=4)
+    assert len(asked) == (0 if has_luma else 4)
+
+
+def test_a_frame_goes_to_another_process(video: Path) -> None:
+    frame = pickle.loads(pickle.dumps(frames_of(video)[3]))
+    assert (frame.index, frame.time) == (3, pytest.approx(0.12, abs=1e-3))
+    np.testing.assert_array_equal(frame.pixels, gradient(3))
+    np.testing.assert_array_equal(frame.gray, cv2.cvtColor(gradient(3), cv2.COLOR_RGB2GRAY))
+
+
+def test_decoded_images_are_freed_at_once(video: Path) -> None:
+    """And not when garbage is collected, which the command line does rarely."""
+    gc.collect()
+    gc.disable()
+    try:
+        for frame in open_video(video):
+            assert frame.brightness.any() or frame.index == 0
+        assert sum(type(each) is av.VideoFrame for each in gc.get_objects()) < 5
+    finally:
+        gc.enable()
+
+
+def test_numbers_of_numpy_become_plain() -> None:
+    frame = Frame(gradient(0), np.int64(3), np.float32(0.5))  # type: ignore[arg-type]
+    assert (type(frame.index), type(frame.time)) == (int, float)

@@ -1,0 +1,75 @@
+"""What is read of a file, and what is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from av.stream import Disposition
+
+from mien.errors import MienError, MienWarning
+from mien.video import open_video
+from videos import frames_of, gradient, write_video
+
+
+def test_damage_in_the_middle_does_not_end_the_video(tmp_path: Path) -> None:
+    images = [gradient(i) for i in range(20)]
+    path = write_video(tmp_path / "hole.avi", images, codec="mjpeg", pix_fmt="yuvj420p")
+    content = bytearray(path.read_bytes())
+    starts = [i for i in range(len(content)) if content.startswith(b"00dc", i)]
+    content[starts[10] + 8 : starts[11]] = bytes(starts[11] - starts[10] - 8)
+    path.write_bytes(content)
+    with pytest.warns(MienWarning, match="truncated or damaged: 19 of 20"):
+        frames = list(open_video(path))
+    np.testing.assert_allclose([f.time for f in frames[-2:]], [18 / 25, 19 / 25])
+
+
+def test_nothing_decodes(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "header.avi", [gradient(i) for i in range(5)])
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"movi") + 4])
+    with pytest.raises(MienError, match=r"header.avi: no frame .* empty, damaged, or of a kind .*; convert it"):
+        list(open_video(path))
+
+
+@pytest.mark.parametrize("content", [b"", b"hello\n" * 100, bytes(range(256)) * 40])
+@pytest.mark.parametrize("name", ["x.mp4", "x.txt", "x"])
+def test_not_a_video(tmp_path: Path, content: bytes, name: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MienError, match=r"/x.* (is not a video|cannot be read as a video)"):
+        open_video(tmp_path / name)
+
+
+def test_of_several_streams_the_one_is_read_that_players_show(tmp_path: Path) -> None:
+    path = tmp_path / "two.mkv"
+    with av.open(str(path), "w") as container:
+        streams = [container.add_stream("ffv1", 25) for _ in range(2)]
+        for stream, image in zip(streams, (gradient(0, 32, 24), gradient(0)), strict=True):
+            stream.height, stream.width, stream.pix_fmt = *image.shape[:2], "bgr0"
+        streams[0].disposition, streams[1].disposition = Disposition(0), Disposition.default
+        for stream, image in zip(streams, (gradient(0, 32, 24), gradient(0)), strict=True):
+            for picture in (av.VideoFrame.from_ndarray(image, format="rgb24"), None):
+                container.mux(stream.encode(picture))
+    np.testing.assert_array_equal(frames_of(path)[0].pixels, gradient(0))
+
+
+def test_the_cover_of_a_sound_file_is_no_video(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = av.open
+
+    def with_cover(*args: Any, **options: Any) -> Any:
+        container = opened(*args, **options)
+        container.streams.video[0].disposition = Disposition.attached_pic
+        return container
+
+    monkeypatch.setattr(av, "open", with_cover)
+    with pytest.raises(MienError, match=r"plain\.mkv is not a video"):
+        open_video(video)
+
+
+def test_a_name_with_a_colon_is_no_protocol(video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    video.rename(tmp_path / "2024-05-01T12:30:00.mkv")
+    assert len(frames_of(Path("2024-05-01T12:30:00.mkv"))) == 10

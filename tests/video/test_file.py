@@ -1,0 +1,143 @@
+"""Frames of a file, with its times."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.arrays import Pixels
+from mien.errors import MienWarning
+from mien.video import open_video
+from videos import frames_of, gradient, turn_by_metadata, write_video
+
+
+def test_frames_come_in_order_with_the_containers_times(video: Path) -> None:
+    frames = frames_of(video)
+    assert [f.index for f in frames] == list(range(10))
+    np.testing.assert_allclose([f.time for f in frames], np.arange(10) / 25, atol=1e-3)
+    for f in frames:
+        np.testing.assert_array_equal(f.pixels, gradient(f.index))
+
+
+def test_time_that_jumps_back_goes_on(tmp_path: Path) -> None:
+    """As where two recordings were joined; a single wrong time stamp is put right alone."""
+    joined, part = tmp_path / "joined.ts", tmp_path / "part.ts"
+    write_video(part, [gradient(i) for i in range(40)], codec="mpeg2video", pix_fmt="yuv420p")
+    joined.write_bytes(2 * part.read_bytes())
+    alone = [f.time for f in frames_of(part)]
+    with pytest.warns(MienWarning, match=r"joined.ts: time jumps back from .* s; later times are shifted"):
+        times = np.array([f.time for f in open_video(joined)])
+    assert len(times) == 80
+    np.testing.assert_allclose(times[:40], alone)
+    np.testing.assert_allclose(np.diff(times), 0.04, atol=1e-3)
+
+
+def test_a_video_can_be_read_twice(video: Path) -> None:
+    opened = open_video(video)
+    assert len(list(opened)) == len(list(opened)) == 10
+
+
+def test_variable_frame_rate_keeps_the_true_times(tmp_path: Path) -> None:
+    times = [0, 40, 50, 200, 1000, 1033]
+    path = write_video(tmp_path / "vfr.mkv", [gradient(i) for i in range(6)], times_ms=times)
+    np.testing.assert_allclose([f.time for f in frames_of(path)], np.array(times) / 1000, atol=1e-9)
+
+
+def test_rotation_metadata_is_honoured(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "phone.mp4", [gradient(i) for i in range(3)], codec="libx264", pix_fmt="yuv420p")
+    before = frames_of(path)[0].pixels
+    turn_by_metadata(path)
+    after = frames_of(path)[0]
+    assert (after.width, after.height) == (48, 64)
+    np.testing.assert_array_equal(after.pixels, np.rot90(before, -1))
+    assert np.corrcoef(after.brightness.ravel(), cv2.cvtColor(after.pixels, cv2.COLOR_RGB2GRAY).ravel())[0, 1] > 0.99
+
+
+@pytest.mark.parametrize(
+    ("shown", "as_shown"),
+    [((0, 1, -1, 0), lambda image: np.rot90(image, -1)), ((-1, 0, 0, -1), lambda image: image[::-1, ::-1]),
+     ((-1, 0, 0, 1), lambda image: image[:, ::-1]), ((1, 0, 0, -1), lambda image: image[::-1]),
+     ((0, 1, 1, 0), lambda image: image.swapaxes(0, 1)),
+     ((0, -1, -1, 0), lambda image: image[::-1, ::-1].swapaxes(0, 1))],
+)  # fmt: skip
+def test_a_picture_is_turned_and_mirrored_as_players_show_it(
+    shown: tuple[int, int, int, int], as_shown: Callable[[Pixels], Pixels], tmp_path: Path
+) -> None:
+    path = write_video(tmp_path / "phone.mp4", [gradient(i) for i in range(3)], codec="libx264", pix_fmt="yuv420p")
+    before = frames_of(path)[0]
+    turn_by_metadata(path, shown)
+    after = frames_of(path)[0]
+    assert (after.height, after.width) == as_shown(before.gray).shape
+    np.testing.assert_array_equal(after.pixels, as_shown(before.pixels))
+    np.testing.assert_array_equal(after.gray, as_shown(before.gray))
+
+
+@pytest.mark.parametrize(
+    ("pix_fmt", "image"),
+    [
+        ("gray", np.arange(48 * 64, dtype=np.uint8).reshape(48, 64) // 2 * 2),
+        ("gray16le", np.arange(48 * 64, dtype=np.uint16).reshape(48, 64) * 16),
+    ],
+)
+def test_one_channel_and_16_bits_become_rgb(tmp_path: Path, pix_fmt: str, image: np.ndarray) -> None:
+    frame = frames_of(write_video(tmp_path / "gray.mkv", [image], pix_fmt=pix_fmt, of=pix_fmt))[0]
+    assert frame.pixels.dtype == np.uint8
+    expected = image if image.dtype == np.uint8 else image / 257
+    for channel in range(3):
+        np.testing.assert_allclose(frame.pixels[..., channel], expected, atol=1.5)
+
+
+def test_four_channels_become_rgb(tmp_path: Path) -> None:
+    image = np.dstack([gradient(3), np.full((48, 64), 200, np.uint8)])
+    frame = frames_of(write_video(tmp_path / "alpha.mkv", [image], pix_fmt="bgra", of="rgba"))[0]
+    np.testing.assert_array_equal(frame.pixels, gradient(3))
+
+
+def test_one_frame_is_a_video(tmp_path: Path) -> None:
+    assert len(frames_of(write_video(tmp_path / "one.mkv", [gradient(0)]))) == 1
+
+
+@pytest.mark.parametrize("ending", [".avi", ".mkv"])
+def test_a_truncated_file_gives_what_decodes_and_a_warning(tmp_path: Path, ending: str) -> None:
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(100)]
+    path = write_video(tmp_path / f"whole{ending}", images)
+    cut = tmp_path / f"cut{ending}"
+    cut.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(MienWarning, match=r"cut.* is truncated or damaged: \d+ .*decoded"):
+        frames = list(open_video(cut))
+    assert 30 < len(frames) < 70
+    np.testing.assert_array_equal(frames[20].pixels, images[20])
+
+
+@pytest.mark.parametrize(("aspect", "size"), [("2/1", (128, 48)), ("1/2", (64, 96)), ("1/100", (64, 48))])
+def test_pixels_become_square(tmp_path: Path, aspect: str, size: tuple[int, int]) -> None:
+    """Unless the header says what cannot be."""
+    path = tmp_path / "narrow.mp4"
+    images = [gradient(k) for k in range(3)]
+    write_video(path, images, codec="libx264", pix_fmt="yuv420p", aspect=Fraction(aspect))
+    for frame in frames_of(path):
+        assert (frame.width, frame.height) == size
+        assert frame.pixels.shape == (size[1], size[0], 3)
+        assert frame.gray.shape == (size[1], size[0])
+        np.testing.assert_allclose(frame.pixels[0, :, 0], np.linspace(0, 250, size[0]), atol=16)
+        np.testing.assert_allclose(frame.pixels[:, 0, 1], np.linspace(0, 250, size[1]), atol=16)
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
+    def peak(count: int) -> int:
+        path = write_video(tmp_path / f"{count}.mkv", (gradient(i, 160, 120) for i in range(count)))
+        tracemalloc.start()
+        for _ in open_video(path):
+            pass
+        _, highest = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return highest
+
+    assert peak(200) < peak(20) + 2 * 160 * 120 * 3

@@ -1,0 +1,80 @@
+"""Images of a folder."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.errors import MienWarning
+from mien.video import FOLDER_FPS, open_video
+from videos import frames_of, gradient
+
+
+def test_folder_is_read_by_name_whatever_the_images_depth(tmp_path: Path) -> None:
+    image = gradient(5)
+    gray16 = np.full((48, 64), 128 * 257, np.uint16)
+    cv2.imwrite(str(tmp_path / "b.png"), image[..., ::-1])
+    cv2.imwrite(str(tmp_path / "a.png"), gray16)
+    cv2.imwrite(str(tmp_path / "c.png"), np.dstack([image[..., ::-1], np.full((48, 64), 9, np.uint8)]))
+    (tmp_path / "notes.txt").write_text("not an image")
+    frames = frames_of(tmp_path)
+    assert np.all(frames[0].pixels == 128)
+    np.testing.assert_array_equal(frames[1].pixels, image)
+    np.testing.assert_array_equal(frames[2].pixels, image)
+    np.testing.assert_allclose([f.time for f in frames], np.arange(3) / FOLDER_FPS)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_images_of_16_bits_may_use_fewer(bits: int, tmp_path: Path) -> None:
+    """Cameras store 10 or 12 bits so; the first image may be a dark one."""
+    for name, image in (("a", gradient(0) // 8), ("b", gradient(9))):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image[..., ::-1].astype(np.uint16) << (bits - 8))
+    np.testing.assert_array_equal(frames_of(tmp_path)[1].pixels, gradient(9))
+
+
+def _exif(orientation: int) -> bytes:
+    """A TIFF header with a single entry, the orientation."""
+    entry = struct.pack("<HHIHH", 274, 3, 1, orientation, 0)
+    return b"II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4)
+
+
+@pytest.mark.parametrize(("orientation", "quarters"), [(1, 0), (3, 2), (6, 3), (8, 1)])
+def test_a_photo_is_upright_as_a_file_and_in_a_folder(orientation: int, quarters: int, tmp_path: Path) -> None:
+    jpeg = cv2.imencode(".jpg", gradient(3)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+    exif = b"Exif\0\0" + _exif(orientation)
+    path = tmp_path / "photo.jpg"
+    path.write_bytes(jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + jpeg[2:])
+    upright = np.rot90(gradient(3), quarters)
+    for source in (path, tmp_path):
+        pixels = frames_of(source)[0].pixels
+        assert pixels.shape == upright.shape
+        assert np.abs(pixels.astype(int) - upright).mean() < 5
+
+
+def test_a_tiff_is_upright(tmp_path: Path) -> None:
+    image = np.arange(6, dtype=np.uint8).reshape(2, 3) * 40
+    tags = {256: 3, 257: 2, 258: 8, 259: 1, 262: 1, 273: 8, 274: 6, 277: 1, 278: 2, 279: 6}
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    content = b"II*\0" + struct.pack("<I", 14) + image.tobytes() + struct.pack("<H", len(tags)) + entries + bytes(4)
+    (tmp_path / "a.tif").write_bytes(content)
+    np.testing.assert_array_equal(frames_of(tmp_path)[0].pixels[..., 0], np.rot90(image, -1))
+
+
+def test_broken_image_of_a_folder_is_left_out_and_keeps_its_place(tmp_path: Path) -> None:
+    for name in "ac":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), gradient(1))
+    (tmp_path / "b.png").write_bytes(b"broken")
+    with pytest.warns(MienWarning, match=r"b.png is not a readable image"):
+        frames = list(open_video(tmp_path))
+    assert [f.index for f in frames] == [0, 2]
+
+
+def test_images_come_by_their_numbers(tmp_path: Path) -> None:
+    for k, name in enumerate(("b1.png", "frame2.png", "frame09.png", "frame10.png", "frame010a.png", "z.png")):
+        cv2.imwrite(str(tmp_path / name), gradient(k)[..., ::-1])
+    blue = [int(frame.pixels[0, 0, 2]) for frame in frames_of(tmp_path)]
+    assert blue == [10 * k for k in range(6)]

@@ -1,0 +1,75 @@
+"""Frames of a camera, and of a program."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.arrays import Pixels
+from mien.errors import MienError, MienWarning
+from mien.frame import Frame
+from mien.video import open_video
+from videos import gradient
+
+
+def test_frames_of_a_program_are_a_video_that_is_shown_once() -> None:
+    given = [Frame(gradient(i), 2 * i, i / 30) for i in range(3)]
+    video = open_video(iter(given))
+    assert (video.path, video.frame_count) == (None, None)
+    assert list(video) == given
+    assert not list(video)
+
+
+def test_frames_of_a_program_are_of_one_size() -> None:
+    large = np.zeros((480, 640, 3), np.uint8)
+    with pytest.warns(MienWarning, match="the frames: frame 1 has 640x480 pixels"):
+        frames = list(open_video([Frame(gradient(0), 0, 0.0), Frame(large, 1, 0.1)]))
+    assert [f.pixels.shape for f in frames] == [gradient(0).shape] * 2
+
+
+def test_frames_of_a_program_are_numbered_from_zero() -> None:
+    with pytest.raises(MienError, match="index -5; count them from 0"):
+        list(open_video([Frame(np.zeros((8, 8, 3), np.uint8), -5, 0.0)]))
+
+
+def test_frames_of_a_program_are_frames_and_numbered() -> None:
+    with pytest.raises(MienError, match=r"is no frame; give each as mien\.Frame"):
+        next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
+    with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
+        list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
+    with pytest.raises(MienError, match=r"frame 1 has the time 0 s after 0 s; give increasing seconds, .*perf_counter"):
+        list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
+
+
+def test_camera_that_is_not_there() -> None:
+    with pytest.raises(MienError, match="camera 97 cannot be opened"):
+        next(iter(open_video(97)))
+    assert open_video("97").name == open_video(np.int64(97)).name == "camera 97"  # type: ignore[arg-type]
+
+
+class Device:
+    """A camera that shows three images, and that somebody then unplugs."""
+
+    def __init__(self, number: int) -> None:
+        self.images, self.released = [gradient(index)[..., ::-1] for index in range(3)], False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, Pixels | None]:
+        return (True, self.images.pop(0)) if self.images else (False, None)
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = Device(0)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    frames = list(open_video(0))
+    assert device.released
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    assert frames[0].time == 0 < frames[1].time < frames[2].time
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.pixels, gradient(index))
