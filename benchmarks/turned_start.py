@@ -20,13 +20,15 @@ from ablation import Run, prepare, print_tables, score, scored
 from inputs import carry_out
 from recordings import apart_deg
 
-from mien import pipeline, start
+from mien import pipeline
 from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
 from mien.frame import Frame
 from mien.initialization.detector import detect
+from mien.start import first_frame
+from mien.start.footage import Footage
 from mien.tracking.realtime import RealtimeTracker
 
 STEP = 25
@@ -68,7 +70,7 @@ class Played:
 
 def as_tracked(run: Run) -> Score:
     """What `mien track` makes of a run: begun in the frame that shows the face best, and played both ways."""
-    begin = start.prepare(start.Footage(Played(run.sequence.video, run.frames), camera=run.sequence.camera))
+    begin = first_frame.prepare(Footage(Played(run.sequence.video, run.frames), camera=run.sequence.camera))
     tracker = RealtimeTracker()
     earlier = {estimate.index: estimate for estimate in pipeline.run_back(tracker, begin)}
     onwards = tracker.again() if earlier else tracker

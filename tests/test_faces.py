@@ -234,7 +234,7 @@ def test_a_face_is_not_taken_for_one_that_passes_it(video: Path, monkeypatch: py
         looks[-1] = replace(looks[-1], points=turning(-1).landmarks[20] + [WIDTH, 0])
         return decode_frame(open_video(video), first, 20, 20 / FPS), looks
 
-    monkeypatch.setattr("mien.start.best_look", best_look)
+    monkeypatch.setattr("mien.start.first_frame.best_look", best_look)
     heard: list[int] = []
     with pytest.warns(MienWarning, match=r"two\.mkv: faces pass each other after 0\.00 s"):
         track = mien.track(video, focal_px=FOCAL, progress=lambda estimate, total: heard.append(estimate.index))

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import mien
-from mien import live, start
+from mien import live
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization import detector
 from mien.initialization.landmarks import Landmarks
+from mien.start import search
 from mien.tracking.state import Estimate, Status
 from mien.video import FOLDER_FPS
 from videos import known_portrait
@@ -101,8 +102,8 @@ def test_a_face_that_is_there_is_not_given_up(folder: Path) -> None:
 
 def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also if it was looked for in one before, at the end of which it was the known one."""
-    monkeypatch.setattr(start, "_into_camera", lambda R, t: False)
-    monkeypatch.setattr(start, "_PATIENCE", 0.11)
+    monkeypatch.setattr(search, "_into_camera", lambda R, t: False)
+    monkeypatch.setattr(search, "_PATIENCE", 0.11)
     face = known_portrait().landmarks
     look = lambda frame, at: [replace(face, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
     monkeypatch.setattr(detector, "detect_once", look)

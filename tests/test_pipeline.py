@@ -16,7 +16,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import mien
-from mien import pipeline, start
+from mien import pipeline
 from mien.arrays import Pixels
 from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
@@ -24,6 +24,8 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import Landmarks, Point
+from mien.start import first_frame
+from mien.start.footage import Footage
 from mien.tracking.state import Estimate, Status
 from mien.video import open_video
 from videos import known_portrait, portrait_images, write_video
@@ -65,7 +67,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
-    begin = start.prepare(start.Footage(open_video(folder)), known_portrait().landmarks)
+    begin = first_frame.prepare(Footage(open_video(folder)), known_portrait().landmarks)
     pairs = list(pipeline.run(StillTracker(), begin))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
     assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]
@@ -157,40 +159,6 @@ def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker
     with pytest.warns(MienWarning, match=r"belongs to 0\.00 s and tracking begins at 0\.12 s; --start 0\.00"):
         track = mien.track(folder, landmarks=known_portrait().landmarks, start=0.1)
     assert track.index.tolist() == [3, 4, 5]
-
-
-def test_camera_is_given_in_one_of_three_ways(folder: Path, tmp_path: Path) -> None:
-    frame = Frame(np.zeros((240, 320, 3), np.uint8))
-    (tmp_path / "c.json").write_text('{"focal_px": 100, "cx": 2, "cy": 3}')
-
-    def camera(given: Camera | Path | None = None, **how: float) -> Camera:
-        return start.Footage(open_video(folder), given, **how).camera_of(frame)
-
-    assert camera() == Camera.from_fov(320, 240, 60)
-    assert camera(fov_deg=90).focal_px == pytest.approx(160)
-    assert camera(focal_px=300) == Camera(300, 159.5, 119.5)
-    assert camera(Camera(100, 2, 3)) == camera(tmp_path / "c.json") == Camera(100, 2, 3)
-    with pytest.raises(MienError, match="more than one way"):
-        camera(Camera(100, 2, 3), focal_px=5)
-    for how in ({"focal_px": 40.0}, {"fov_deg": 155.0}):
-        with pytest.raises(MienError, match="pixels sees more than 150 degrees"):
-            camera(**how)
-    with pytest.warns(MienWarning, match=r"at 960, 540, lies outside the image of 320x240"):
-        camera(Camera(1800, 960, 540))
-    of_track = {"camera": {"focal_px": 100, "cx": 2, "cy": 3}, "video": {"width": 640, "height": 480}}
-    (tmp_path / "c.json").write_text(json.dumps(of_track))
-    with pytest.warns(MienWarning, match=r"camera of a video of 640x480 pixels, and this one has 320x240"):
-        assert camera(tmp_path / "c.json") == Camera(100, 2, 3)
-
-
-@pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])
-def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
-    (tmp_path / "c.json").write_text(text)
-    with pytest.raises(MienError, match=r"c\.json needs"):
-        start.read_camera(tmp_path / "c.json")
-    (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
-    with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
-        start.read_camera(tmp_path / "c.json")
 
 
 @pytest.mark.parametrize("passes", [1, 2])
@@ -331,7 +299,7 @@ def test_the_window_shows_every_frame_also_before_there_is_a_face(
     shown: list[Pixels] = []
     monkeypatch.setattr(pipeline, "Window", Window)
     monkeypatch.setattr(pipeline, "require_screen", lambda: None)
-    monkeypatch.setattr(start, "find_face", find_face)
+    monkeypatch.setattr(first_frame, "find_face", find_face)
     frames = list(open_video(folder))
     track = mien.track(iter(frames), show=True)
     assert track.index.tolist() == list(range(6))

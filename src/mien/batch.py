@@ -23,7 +23,7 @@ from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import code_of, create_tracker, file_of
-from mien.start import requested_options
+from mien.start.footage import requested_options
 from mien.tracking.state import Status
 from mien.video import VIDEO_SUFFIXES, list_images
 

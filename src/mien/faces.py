@@ -25,7 +25,9 @@ from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, run_passes
 from mien.registry import create_tracker, file_of
-from mien.start import CONFIDENT, DETECTION_INTERVAL, Footage, Start, prepare, sampled_frames
+from mien.start.first_frame import CONFIDENT, Start, prepare
+from mien.start.footage import Footage
+from mien.start.search import DETECTION_INTERVAL, sampled_frames
 from mien.threads import one_blas_thread
 from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video

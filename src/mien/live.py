@@ -16,7 +16,9 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.pipeline import DEFAULT_PRESET, warn_if_turned
 from mien.registry import checked, create_tracker
-from mien.start import Footage, Patience, before_start
+from mien.start.first_frame import before_start
+from mien.start.footage import Footage
+from mien.start.search import Patience
 from mien.tracking.state import Estimate, Tracker
 from mien.video import Source, open_video
 

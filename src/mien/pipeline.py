@@ -30,7 +30,9 @@ from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window, require_screen
 from mien.registry import checked, create_tracker, file_of
-from mien.start import TURNED_DEG, Footage, Start, before_landmarks, before_start, prepare, requested_options
+from mien.start.first_frame import Start, before_landmarks, before_start, prepare
+from mien.start.footage import Footage, requested_options
+from mien.start.search import TURNED_DEG
 from mien.threads import one_blas_thread
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Source, Video, backwards, open_video, refuse_among_images

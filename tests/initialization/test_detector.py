@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
-from mien import start
 from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization import detector
 from mien.initialization.landmarks import place_of
 from mien.initialization.mediapipe_mesh import silenced
+from mien.start.search import Patience
 from small_motion import face, small_motion, turned_portrait
 
 needs_mediapipe = pytest.mark.skipif(
@@ -194,7 +194,7 @@ def test_a_face_that_is_too_small_is_left_for_a_later_one_that_is_not() -> None:
     alone = detector.first_with_a_face([small])
     assert alone is not None
     assert 25 < alone[1][0].size < 40
-    assert start.Patience(Camera.centred(100, side, side))(small) == []
+    assert Patience(Camera.centred(100, side, side))(small) == []
 
 
 def _moved(across: float, scale: float = 1.0) -> Any:

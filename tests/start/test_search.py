@@ -12,12 +12,14 @@ import pytest
 
 import mien
 from long_motion import NOISE_SD
-from mien import start
 from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.frame import Frame
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
+from mien.start import search
+from mien.start.first_frame import prepare
+from mien.start.footage import Footage
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Status
 from mien.video import open_video
@@ -60,7 +62,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
         "mien.initialization.detector.detect_once", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
-    monkeypatch.setattr(start, "DETECTION_INTERVAL", 0.2)
+    monkeypatch.setattr(search, "DETECTION_INTERVAL", 0.2)
     return hidden
 
 
@@ -84,7 +86,7 @@ def _errors_deg(track: mien.Track, truth: SyntheticSequence) -> Array:
 
 
 def test_a_face_that_is_turned_is_learned_where_it_looks_into_the_camera(detector: set[int], video: Path) -> None:
-    begin = start.prepare(start.Footage(open_video(video), face().camera))
+    begin = prepare(Footage(open_video(video), face().camera))
     assert begin.first.index == begin.landmarks.frame_index == 15
     assert begin.since == 0
     assert [frame.index for frame in begin.frames] == list(range(len(PANS_DEG)))
@@ -92,7 +94,7 @@ def test_a_face_that_is_turned_is_learned_where_it_looks_into_the_camera(detecto
 
 def test_the_best_look_is_taken_where_none_is_good(detector: set[int], video: Path) -> None:
     detector.update(range(11, 24))
-    assert start.prepare(start.Footage(open_video(video), face().camera)).first.index == 10
+    assert prepare(Footage(open_video(video), face().camera)).first.index == 10
 
 
 def test_a_blurred_look_is_left_for_one_that_is_turned_a_little(
@@ -101,7 +103,7 @@ def test_a_blurred_look_is_left_for_one_that_is_turned_a_little(
     pictures = [frame.pixels for frame in turning.frames]
     pictures[15] = np.asarray(cv2.GaussianBlur(pictures[15], (0, 0), 4), np.uint8)
     video = write_video(tmp_path / "blurred.mkv", pictures)
-    assert start.prepare(start.Footage(open_video(video), face().camera)).first.index == 20
+    assert prepare(Footage(open_video(video), face().camera)).first.index == 20
 
 
 @pytest.mark.parametrize(("search_s", "index"), [(60.0, 15), (0.3, 5)])
@@ -109,42 +111,42 @@ def test_a_face_is_looked_at_until_it_looks_into_the_camera(
     search_s: float, index: int, detector: set[int], video: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It does at 0.6 s; but not for ever. Everything since the first frame is tracked."""
-    monkeypatch.setattr(start, "_SEARCH_SECONDS", search_s)
-    monkeypatch.setattr(start, "_LOOK_SECONDS", 0.1)
-    begin = start.prepare(start.Footage(open_video(video), face().camera))
+    monkeypatch.setattr(search, "_SEARCH_SECONDS", search_s)
+    monkeypatch.setattr(search, "_LOOK_SECONDS", 0.1)
+    begin = prepare(Footage(open_video(video), face().camera))
     assert begin.first.index == index
     assert begin.since == 0
 
 
 def test_a_look_that_is_hardly_better_is_not_worth_it(detector: set[int], video: Path) -> None:
     detector.update(range(19))
-    assert start.prepare(start.Footage(open_video(video), face().camera, start=0.48)).first.index == 12
+    assert prepare(Footage(open_video(video), face().camera, start=0.48)).first.index == 12
 
 
 def test_what_is_behind_the_end_is_not_looked_at(detector: set[int], video: Path) -> None:
-    assert start.prepare(start.Footage(open_video(video), face().camera, end=0.5)).first.index == 10
+    assert prepare(Footage(open_video(video), face().camera, end=0.5)).first.index == 10
 
 
 def test_what_is_behind_a_cut_is_not_looked_at(detector: set[int], turning: SyntheticSequence, tmp_path: Path) -> None:
     """Who is there may be somebody else."""
     pictures = [frame.pixels if k < 12 else 255 - frame.pixels for k, frame in enumerate(turning.frames)]
     video = write_video(tmp_path / "cut.mkv", pictures)
-    assert start.prepare(start.Footage(open_video(video), face().camera)).first.index == 10
+    assert prepare(Footage(open_video(video), face().camera)).first.index == 10
 
 
 def test_who_asks_for_it_begins_at_once(detector: set[int], video: Path, turning: SyntheticSequence) -> None:
-    assert start.prepare(start.Footage(open_video(video), face().camera), at_once=True).first.index == 0
-    assert start.prepare(start.Footage(Live(turning.frames), face().camera), at_once=True).first.index == 0
+    assert prepare(Footage(open_video(video), face().camera), at_once=True).first.index == 0
+    assert prepare(Footage(Live(turning.frames), face().camera), at_once=True).first.index == 0
 
 
 @pytest.mark.parametrize(("patience_s", "index"), [(3.0, 12), (0.15, 4)])
 def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
     patience_s: float, index: int, detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(start, "_PATIENCE", patience_s)
+    monkeypatch.setattr(search, "_PATIENCE", patience_s)
     camera = Live(turning.frames)
     with pytest.warns(MienWarning, match="a face is first found"):
-        begin = start.prepare(start.Footage(camera, face().camera))
+        begin = prepare(Footage(camera, face().camera))
     assert begin.first.index == index
     assert begin.since == begin.first.time
     assert len(list(begin.frames)) == len(PANS_DEG) - index
@@ -155,19 +157,19 @@ def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
 def test_a_face_that_was_away_is_waited_for_anew(
     detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(start, "_PATIENCE", 0.15)
-    monkeypatch.setattr(start, "_GONE_SECONDS", 1 / FPS)
+    monkeypatch.setattr(search, "_PATIENCE", 0.15)
+    monkeypatch.setattr(search, "_GONE_SECONDS", 1 / FPS)
     detector.update((3, 4))
-    patience = start.Patience(face().camera)
+    patience = search.Patience(face().camera)
     assert [bool(patience(frame)) for frame in turning.frames[:10]] == [False] * 9 + [True]
 
 
 def test_a_face_that_was_missed_once_is_not_waited_for_anew(
     detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(start, "_PATIENCE", 0.15)
+    monkeypatch.setattr(search, "_PATIENCE", 0.15)
     detector.add(3)
-    patience = start.Patience(face().camera)
+    patience = search.Patience(face().camera)
     assert [bool(patience(frame)) for frame in turning.frames[:5]] == [False] * 4 + [True]
 
 
@@ -192,7 +194,7 @@ def test_landmarks_that_are_given_are_those_of_the_beginning(
     detector: set[int], turning: SyntheticSequence, video: Path
 ) -> None:
     marks = Landmarks(turning.landmarks[0], "candide26")
-    assert start.prepare(start.Footage(open_video(video), face().camera), marks).first.index == 0
+    assert prepare(Footage(open_video(video), face().camera), marks).first.index == 0
 
 
 def test_begun_in_front_a_turned_head_is_tracked_better(turning: SyntheticSequence, video: Path) -> None:

@@ -1,0 +1,211 @@
+"""What tracking starts with: the first frame, its landmarks, and the frames before and after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from mien.errors import MienError, require, warn
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.initialization.landmark_files import read_landmarks
+from mien.initialization.landmarks import Landmarks, Point, is_same_place, place_of
+from mien.start.footage import Footage
+from mien.start.search import BACK_SECONDS, Patience, best_look, find_face
+from mien.tracking.state import Estimate
+from mien.video import Video
+
+CONFIDENT = 0.5
+"""Confidence above which a track has the face that it began with."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Everything that tracking starts with.
+
+    first: the frame to which the landmarks belong; frames: all frames that get a row, including the first; since: time
+    in seconds down to which tracking runs backwards from the first frame; reported: index of the first frame that
+    `prepare` has not yet reported as progress; at_once, face: as passed to `prepare`; passed: estimates of the frames
+    before `first` that cannot be read again; sightings: the face from where it was first seen to `first`, if that is
+    another frame; instead: the start with the first of these.
+    """
+
+    footage: Footage
+    first: Frame
+    frames: Iterator[Frame]
+    landmarks: Landmarks
+    camera: Camera
+    since: float
+    reported: int = 0
+    at_once: bool = False
+    face: Point | None = None
+    passed: tuple[Estimate, ...] = ()
+    sightings: tuple[Landmarks, ...] = ()
+    instead: Start | None = None
+
+    def moved_to(self, frame: Frame, sightings: Sequence[Landmarks]) -> Start:
+        """The start with a later frame. sightings: the face from this start to that frame."""
+        return replace(
+            self,
+            first=frame,
+            frames=self.footage.frames(),
+            landmarks=_rounded_as_saved(replace(sightings[-1], source=self.landmarks.source)),
+            since=max(self.since, frame.time - BACK_SECONDS),
+            sightings=tuple(sightings),
+            instead=replace(self, frames=self.footage.frames()),
+        )
+
+    def has_strayed(self, estimates: Mapping[int, Estimate]) -> bool:
+        """Whether the face that was tracked back, with its estimates by index, is another one than was seen first:
+        where people pass each other, detections in one place need not be of one face."""
+        for seen in self.sightings:
+            estimate = estimates.get(seen.frame_index)
+            if estimate and estimate.landmarks and estimate.confidence > CONFIDENT:
+                tracked, face = place_of(estimate.landmarks.image), place_of(seen.correspondences()[1])
+                if not is_same_place(*tracked, *face):
+                    return True
+        return False
+
+
+def prepare(
+    footage: Footage,
+    landmarks: Landmarks | str | Path | None = None,
+    at_once: bool = False,
+    face: Point | None = None,
+    report: Callable[[Estimate], None] = lambda estimate: None,
+    show: Callable[[Frame], None] = lambda frame: None,
+) -> Start:
+    """Find the first frame and its landmarks: the frame of the given landmarks, else the first frame with a face or,
+    unless `at_once`, a later one from which the face is learned better.
+
+    Of several faces, takes the largest or the one at the point `face`. Calls `report` and `show` for each frame before
+    the first detection. Raises MienError for bad input.
+    """
+    face = face if face is None else _as_point(face)
+    frames = footage.frames()
+    earliest = next(frames)
+    opening = _Opening(footage, footage.camera_of(earliest), earliest, chain([earliest], frames), at_once, face)
+    if face is not None:
+        require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
+        _require_inside(face, earliest)
+    if landmarks is None:
+        return _begin_with_a_face(opening, report, show)
+    return _begin_with_landmarks(opening, landmarks, report)
+
+
+@dataclass(frozen=True)
+class _Opening:
+    """What is known before the face is. camera: for frames of the size of `earliest`, the first one; frames: all of
+    them, once; at_once, face: as passed to `prepare`."""
+
+    footage: Footage
+    camera: Camera
+    earliest: Frame
+    frames: Iterator[Frame]
+    at_once: bool
+    face: Point | None
+
+    def start(self, first: Frame, landmarks: Landmarks, passed: Sequence[Estimate], reported: int = 0) -> Start:
+        """The start with one of the frames, the last that was taken from them. Raises MienError for bad landmarks."""
+        landmarks.check(first.width, first.height)
+        later = self.footage.repeatable and first is not self.earliest
+        return Start(
+            footage=self.footage,
+            first=first,
+            frames=self.footage.frames() if later else chain([first], self.frames),
+            landmarks=_rounded_as_saved(landmarks),
+            camera=self.camera,
+            since=max(self.earliest.time, first.time - BACK_SECONDS) if later else first.time,
+            reported=reported,
+            at_once=self.at_once,
+            face=self.face,
+            passed=tuple(passed),
+        )
+
+
+def _begin_with_a_face(opening: _Opening, report: Callable[[Estimate], None], show: Callable[[Frame], None]) -> Start:
+    """The start with the first frame that shows a face, or with a better one."""
+    footage, camera = opening.footage, opening.camera
+    passed = list[Estimate]()
+
+    def without_face(frame: Frame) -> None:
+        show(frame)
+        estimate = before_start(frame)
+        report(estimate)
+        if not footage.repeatable:
+            passed.append(estimate)
+
+    patience = None if footage.repeatable or opening.at_once else Patience(camera, opening.face)
+    first, landmarks = find_face(opening.frames, footage.video.name, without_face, patience, opening.face)
+    better = best_look(first, landmarks, camera, footage) if footage.repeatable and not opening.at_once else None
+    begin = opening.start(first, landmarks, passed, reported=first.index)
+    return begin.moved_to(*better) if better else begin
+
+
+def _begin_with_landmarks(
+    opening: _Opening, landmarks: Landmarks | str | Path, report: Callable[[Estimate], None]
+) -> Start:
+    """The start with the frame to which given landmarks belong."""
+    if not isinstance(landmarks, Landmarks):
+        landmarks = read_landmarks(landmarks, opening.earliest.index, opening.earliest.time)
+    first, skipped = _frame_of(landmarks, opening.frames, opening.footage.video)
+    passed = [] if opening.footage.repeatable else skipped
+    for estimate in passed:
+        report(estimate)
+    return opening.start(first, landmarks, passed)
+
+
+def _as_point(face: Point) -> Point:
+    """A point as plain numbers. Raises MienError if it is none."""
+    valid = np.shape(face) == (2,) and bool(np.isfinite(face).all())
+    require(valid, f"face is {face!r}; give a point in the image as two pixel coordinates")
+    return float(face[0]), float(face[1])
+
+
+def _require_inside(face: Point, frame: Frame) -> None:
+    x, y = face
+    inside = 0 <= x < frame.width and 0 <= y < frame.height
+    require(inside, f"--face {x:g} {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
+
+
+def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> tuple[Frame, list[Estimate]]:
+    """The frame to which landmarks belong, and estimates for those before it; if they belong to an earlier one, the
+    first frame, with a warning."""
+    skipped = list[Estimate]()
+    for first in frames:
+        if first.time > landmarks.time - 0.5 / source.fps:
+            break
+        skipped.append(before_landmarks(first))
+    else:
+        raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
+    if first.time - landmarks.time > 1.5 / source.fps:
+        warn(
+            f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
+            f"--start {landmarks.time:.2f} begins where it belongs"
+        )
+    return first, skipped
+
+
+def _rounded_as_saved(landmarks: Landmarks) -> Landmarks:
+    """The landmarks rounded as in a saved file, so that a run from that file is identical."""
+    saved = landmarks.to_dict()
+    depths = saved["depths"]
+    return replace(
+        landmarks,
+        points=np.array(saved["points"]),
+        depths=None if depths is None else np.array(depths),
+    )
+
+
+def before_start(frame: Frame) -> Estimate:
+    """The estimate for a frame before tracking starts: lost."""
+    return Estimate.lost(frame, "no face was seen yet")
+
+
+def before_landmarks(frame: Frame) -> Estimate:
+    """The estimate for a frame before the one whose face is learned, down to which it was not followed: lost."""
+    return Estimate.lost(frame, "tracking begins later")

@@ -1,0 +1,135 @@
+"""The part of a video to track, its camera, and the options that a run is asked for."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from numbers import Real
+from pathlib import Path
+from typing import Any, Protocol
+
+from mien.errors import MienError, require, warn
+from mien.frame import Frame
+from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
+from mien.initialization.landmarks import Point
+from mien.video import Video, expected_count, select
+
+_WIDEST_DEG = 150.0
+"""Horizontal field of view beyond which no real lens follows the pinhole model."""
+
+
+@dataclass(frozen=True)
+class Footage:
+    """The part of a video to track, and what is known about its camera.
+
+    camera: a camera or its JSON file; or focal_px; or fov_deg (horizontal); by default 60 degrees. start, end: seconds,
+    a half-open interval.
+    """
+
+    video: Video
+    camera: Camera | str | Path | None = None
+    focal_px: float | None = None
+    fov_deg: float | None = None
+    start: float | None = None
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("start", "end", "focal_px", "fov_deg"):
+            value = getattr(self, name)
+            number = value is None or (isinstance(value, Real) and math.isfinite(value))
+            require(number, f"{name} is {value!r}; give a number, or omit it")
+        given = [v for v in (self.camera, self.focal_px, self.fov_deg) if v is not None]
+        require(
+            len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view"
+        )
+        if self.camera is not None and not isinstance(self.camera, Camera):
+            read_camera(self.camera)  # report errors in it now, not at the first frame
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames of this part, decoded from the beginning; see `select`."""
+        return select(self.video, self.start, self.end)
+
+    @property
+    def frame_count(self) -> int | None:
+        """Expected number of frames, None if unknown."""
+        return expected_count(self.video, self.start, self.end)
+
+    @property
+    def repeatable(self) -> bool:
+        """Whether frames can be read again; a live camera yields each once: those before the face are gone."""
+        return self.video.path is not None
+
+    def camera_of(self, frame: Frame) -> Camera:
+        """The camera for images of the size of this frame. Raises MienError if its field of view is too wide."""
+        if self.focal_px is not None:
+            camera = Camera.centred(self.focal_px, frame.width, frame.height)
+        elif self.camera is None:
+            fov_deg = DEFAULT_FOV_DEG if self.fov_deg is None else self.fov_deg
+            camera = Camera.from_fov(frame.width, frame.height, fov_deg)
+        else:
+            camera = self.camera if isinstance(self.camera, Camera) else read_camera(self.camera, frame)
+        widest = 0.5 * frame.width / math.tan(math.radians(_WIDEST_DEG) / 2)
+        require(
+            camera.focal_px >= widest,
+            f"a focal length of {camera.focal_px:g} pixels sees more than {_WIDEST_DEG:g} degrees across a width of "
+            f"{frame.width} pixels; mien assumes a lens without distortion; correct the focal length",
+        )
+        if not (0 <= camera.cx <= frame.width and 0 <= camera.cy <= frame.height):
+            warn(
+                f"the optical axis of the camera, at {camera.cx:g}, {camera.cy:g}, lies outside the image of "
+                f"{frame.width}x{frame.height} pixels; if the video was scaled, scale focal_px, cx and cy alike"
+            )
+        return camera
+
+
+class FootageOptions(Protocol):
+    """Options that `Footage` and `mien batch` have in common."""
+
+    @property
+    def camera(self) -> Camera | str | Path | None: ...
+    @property
+    def focal_px(self) -> float | None: ...
+    @property
+    def fov_deg(self) -> float | None: ...
+    @property
+    def start(self) -> float | None: ...
+    @property
+    def end(self) -> float | None: ...
+
+
+def requested_options(options: FootageOptions, at_once: bool, face: Point | None = None) -> dict[str, Any]:
+    """The options of a run apart from the tracker, as plain values for NAME.json."""
+    camera = asdict(options.camera) if isinstance(options.camera, Camera) else options.camera and str(options.camera)
+    numbers = {
+        "focal_px": options.focal_px,
+        "fov_deg": options.fov_deg,
+        "start": options.start,
+        "end": options.end,
+    }
+    plain = {name: value if value is None else float(value) for name, value in numbers.items()}
+    return {"camera": camera, **plain, "at_once": at_once, "face": face and list(face)}
+
+
+def read_camera(path: str | Path, frame: Frame | None = None) -> Camera:
+    """Read a camera from JSON {"focal_px": .., "cx": .., "cy": ..}, or from the NAME.json of a track; warns if that was
+    of images of another size than the frame's."""
+    require(isinstance(path, (str, Path)), f"the camera is {type(path)}; give mien.Camera or the name of a JSON file")
+    path = Path(path)
+    try:
+        values = json.loads(path.read_text(encoding="utf-8-sig"))
+        tracked = values.get("video", {})
+        values = values.get("camera", values)
+        if frame and "width" in tracked and (tracked["width"], tracked["height"]) != (frame.width, frame.height):
+            warn(
+                f"{path} has the camera of a video of {tracked['width']}x{tracked['height']} pixels, and this one has "
+                f"{frame.width}x{frame.height}; if it was scaled, scale focal_px, cx and cy alike"
+            )
+        return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
+    except MienError as error:
+        raise MienError(f"{path}: {error}") from error
+    except OSError as error:
+        raise MienError(f"{path} cannot be read ({error.strerror}); check the name") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MienError(f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels ({error})') from error

@@ -1,0 +1,154 @@
+"""The search for a face: the first frame that shows one, and the later one from which it is learned best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from itertools import islice, takewhile
+
+import numpy as np
+
+from mien.arrays import Array
+from mien.errors import MienError, warn
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
+from mien.initialization.landmarks import Landmarks, Point
+from mien.initialization.looks import detail, expected_errors, rotation_of
+from mien.start.footage import Footage
+from mien.tracking.scene import numbered_by_shot
+from mien.video import decode_frame
+
+_LOOK_SECONDS = 10.0
+"""How long the best first frame is searched for once the face looks into the camera."""
+_SEARCH_SECONDS = 60.0
+"""How long a face that does not look into the camera is given until it does."""
+BACK_SECONDS = _LOOK_SECONDS + _SEARCH_SECONDS
+"""How far back tracking runs at most."""
+DETECTION_INTERVAL = 0.5
+"""Seconds between two detections."""
+_LEAST_GAIN = 0.12
+"""Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
+TURNED_DEG = 15.0
+"""Rotation of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
+_GONE_SECONDS = 1.0
+"""How long a live camera's face may not be detected before the wait for it begins anew."""
+_PATIENCE = 3.0
+"""Seconds that a live camera waits for a face to look into it."""
+
+
+def find_face(
+    frames: Iterable[Frame],
+    name: str,
+    without_face: Callable[[Frame], None],
+    patience: Patience | None = None,
+    at: Point | None = None,
+) -> tuple[Frame, Landmarks]:
+    """The first frame with a face (or the first that `patience` accepts), and its largest face or the one at a point.
+
+    Calls `without_face` for each frame before it. Raises MienError if no frame has a face; warns if it is not the first
+    of the frames, or shows several faces.
+    """
+    from mien.initialization.detector import first_with_a_face
+
+    times: list[float] = []
+
+    def recorded() -> Iterator[Frame]:
+        for frame in frames:
+            times.append(frame.time)
+            yield frame
+            without_face(frame)
+
+    if patience is None:
+        found = first_with_a_face(recorded(), at)
+    else:
+        found = next(((frame, faces) for frame in recorded() if (faces := patience(frame))), None)
+    if found is None:
+        place = "" if at is None else f" at {at[0]:g}, {at[1]:g}"
+        raise MienError(
+            f"{name}: no face was found{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
+            "annotate one and pass --landmarks, or enlarge or brighten the video"
+        )
+    first, faces = found
+    if len(times) > 1:
+        warn(f"{name}: a face is first found at {first.time:.2f} s")
+    if len(faces) > 1:
+        warn(
+            f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked, "
+            f"--face X Y chooses another, and --faces {len(faces)} tracks all of them"
+        )
+    return first, replace(faces[0], source=f"{name}, detected face")
+
+
+class Patience:
+    """Face search on a live camera: waits a while for the face to look into the camera, as there is no going back to a
+    better frame."""
+
+    def __init__(self, camera: Camera, at: Point | None = None) -> None:
+        """at: pixels; only a face at this point is considered."""
+        self.camera, self.at = camera, at
+        self.first_detection: tuple[Landmarks, FirstFrame] | None = None
+        self.last_seen = -math.inf
+
+    def __call__(self, frame: Frame) -> list[Landmarks]:
+        """The faces of a frame, largest first, if tracking may start with it; else none."""
+        from mien.initialization.detector import detect, detect_once
+
+        def trackable(faces: Iterable[Landmarks]) -> list[Landmarks]:
+            return [face for face in faces if face.are_trackable(frame.width, frame.height)]
+
+        faces = trackable(detect_once(frame, self.at))
+        if not faces:
+            if frame.time - self.last_seen > _GONE_SECONDS:
+                self.first_detection = None
+            return []
+        self.last_seen = frame.time
+        self.first_detection = self.first_detection or (faces[0], fit_first_frame(faces[0], self.camera))
+        first, fit = self.first_detection
+        waited = frame.time - first.time
+        if waited < _PATIENCE and not _into_camera(rotation_of(faces[0], first, self.camera, fit.R), fit.t):
+            return []
+        return trackable(detect(frame, self.at))
+
+
+def best_look(
+    first: Frame, landmarks: Landmarks, camera: Camera, footage: Footage
+) -> tuple[Frame, list[Landmarks]] | None:
+    """The frame from which a face is learned best, a later one of the same shot, and the looks from the first one to
+    that; None if the first one is best. After a cut, the same place may show another face."""
+    from mien.initialization.detector import follow, refine
+
+    uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(replace(footage, start=first.time)))
+    later = (frame for _, frame in islice(uncut, 1, None))
+    fit = fit_first_frame(landmarks, camera)
+    looks, details, facing = [landmarks], [detail(first, landmarks)], _into_camera(fit.R, fit.t)
+    until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
+    in_time = takewhile(lambda frame: frame.time < until, later)
+    for frame, face in follow(landmarks, in_time):
+        if not face.are_trackable(frame.width, frame.height):
+            continue
+        looks.append(face)
+        details.append(detail(frame, face))
+        if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
+            facing, until = True, face.time + _LOOK_SECONDS
+    errors = expected_errors(looks, details, camera, fit.R, fit.t)
+    best = int(np.argmin(errors))
+    if errors[0] - errors.min() < _LEAST_GAIN:
+        return None
+    frame = decode_frame(footage.video, first, looks[best].frame_index, looks[best].time)
+    refined = refine(frame, looks[best])
+    if refined is None or not refined.are_trackable(frame.width, frame.height):
+        return None
+    return frame, [*looks[:best], refined]
+
+
+def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
+    """One frame every half second, starting with the first, each with the number of cuts before it."""
+    step = max(1, round(DETECTION_INTERVAL * footage.video.fps))
+    return islice(numbered_by_shot(footage.frames()), None, None, step)
+
+
+def _into_camera(R: Array, t: Array) -> bool:
+    """Whether a face with pose R (3, 3), t (3,) is close enough to frontal to be learned well."""
+    return turned_deg(R, t) <= TURNED_DEG

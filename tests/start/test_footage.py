@@ -1,0 +1,49 @@
+"""The camera of a video, given in one of several ways."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mien.errors import MienError, MienWarning
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.start.footage import Footage, read_camera
+from mien.video import open_video
+
+
+def test_camera_is_given_in_one_of_three_ways(video: Path, tmp_path: Path) -> None:
+    frame = Frame(np.zeros((240, 320, 3), np.uint8))
+    (tmp_path / "c.json").write_text('{"focal_px": 100, "cx": 2, "cy": 3}')
+
+    def camera(given: Camera | Path | None = None, **how: float) -> Camera:
+        return Footage(open_video(video), given, **how).camera_of(frame)
+
+    assert camera() == Camera.from_fov(320, 240, 60)
+    assert camera(fov_deg=90).focal_px == pytest.approx(160)
+    assert camera(focal_px=300) == Camera(300, 159.5, 119.5)
+    assert camera(Camera(100, 2, 3)) == camera(tmp_path / "c.json") == Camera(100, 2, 3)
+    with pytest.raises(MienError, match="more than one way"):
+        camera(Camera(100, 2, 3), focal_px=5)
+    for how in ({"focal_px": 40.0}, {"fov_deg": 155.0}):
+        with pytest.raises(MienError, match="pixels sees more than 150 degrees"):
+            camera(**how)
+    with pytest.warns(MienWarning, match=r"at 960, 540, lies outside the image of 320x240"):
+        camera(Camera(1800, 960, 540))
+    of_track = {"camera": {"focal_px": 100, "cx": 2, "cy": 3}, "video": {"width": 640, "height": 480}}
+    (tmp_path / "c.json").write_text(json.dumps(of_track))
+    with pytest.warns(MienWarning, match=r"camera of a video of 640x480 pixels, and this one has 320x240"):
+        assert camera(tmp_path / "c.json") == Camera(100, 2, 3)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])
+def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(MienError, match=r"c\.json needs"):
+        read_camera(tmp_path / "c.json")
+    (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
+    with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
+        read_camera(tmp_path / "c.json")
