@@ -264,7 +264,7 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
     @contextmanager
-    def drawing(path: Path | None, this: pipeline.Pass) -> Iterator[Callable[[Frame, Estimate, Any], None]]:
+    def drawing(this: pipeline.Pass) -> Iterator[Callable[[Frame, Estimate, Any], None]]:
         def draw(frame: Frame, estimate: Estimate, tracker: Any) -> None:
             if frame.index == 1:
                 raise KeyboardInterrupt

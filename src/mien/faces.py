@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from mien.geometry.camera import Camera
 from mien.initialization.landmarks import SAME_PLACE, Landmarks, is_same_place, place_of
 from mien.output.destination import Destination
 from mien.output.track import Track
-from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, run_passes
+from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, reporter, run_passes
 from mien.registry import create_tracker, file_of
 from mien.start.first_frame import CONFIDENT, Start, prepare
 from mien.start.footage import Footage
@@ -140,39 +139,25 @@ def track_faces(
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
     files = Destination.checked(save, overlay, plot, inputs)
     check_passes(passes, footage.video, tracker, preset)
-    name, count = footage.video.name, footage.frame_count
+    name = footage.video.name
     require(isinstance(faces, int) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
     require(footage.video.path is not None, f"{name} yields each frame only once; several faces need a file")
     detections = list(_detections(footage))
     require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
     together = min(faces, max(map(len, detections)))
-
-    def report(tracks: int, estimate: Estimate) -> None:
-        if progress is not None:
-            rounds = passes * max(together, tracks) + (overlay is not None)
-            progress(estimate, None if count is None else count * rounds)
-
-    run = _Run(footage, preset, passes, at_once, files, inputs)
-    found: list[TrackedFace] = []
-    for appearance in _appearances(detections):
-        if len(found) < faces:
-            tracked = run.track(appearance, found, partial(report, len(found) + 1))
-            found += [tracked] if tracked else []
+    run = _Run(footage, preset, passes, at_once, files, inputs, faces, together, progress)
+    found = run.track_all(_appearances(detections))
     require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
     found = [replace(face, track=_without_other_faces(face, found)) for face in found]
     if files.overlay is not None:
-        _draw(files.overlay, footage.frames(), found, partial(report, len(found)))
-    summary = {"complete": True, "stopped": None, "faces": len(found), "faces_wanted": faces}
-    tracks = [replace(face.track, metadata={**face.track.metadata, **summary}) for face in found]
-    for face_id, track in reversed(list(enumerate(tracks))):  # if the first is complete, all are
-        files.of_face(face_id).write(track)
-    files.warn_if_stale(len(tracks))
-    return tracks
+        _draw(files.overlay, footage.frames(), found, run.reporter(len(found)))
+    return _write(found, faces, files)
 
 
 @dataclass(frozen=True)
 class _Run:
-    """What the tracking of all faces of a video has in common. inputs: files that must not be overwritten."""
+    """What the tracking of all faces of a video has in common. inputs: files that must not be overwritten; faces: how
+    many are tracked at most; together: how many of these are seen at the same time."""
 
     footage: Footage
     preset: str
@@ -180,10 +165,25 @@ class _Run:
     at_once: bool
     files: Destination
     inputs: tuple[object, ...]
+    faces: int
+    together: int
+    progress: Progress | None
 
-    def track(
-        self, appearance: Sequence[Sighting], found: Sequence[TrackedFace], report: Callable[[Estimate], None]
-    ) -> TrackedFace | None:
+    def track_all(self, appearances: Sequence[Sequence[Sighting]]) -> list[TrackedFace]:
+        """Track the faces of all appearances, one after the other, until there are enough."""
+        found: list[TrackedFace] = []
+        for appearance in appearances:
+            if len(found) < self.faces:
+                tracked = self._track(appearance, found)
+                found += [tracked] if tracked else []
+        return found
+
+    def reporter(self, tracks: int) -> Callable[[Estimate], None]:
+        """A function that reports progress, if there are to be this number of tracks, at least those seen together."""
+        rounds = self.passes * max(self.together, tracks) + (self.files.overlay is not None)
+        return reporter(self.progress, self.footage, rounds)
+
+    def _track(self, appearance: Sequence[Sighting], found: Sequence[TrackedFace]) -> TrackedFace | None:
         """Track the face of an appearance from where no track that was found has it; None if there is nothing to
         track, or nothing that others do not have."""
         unknown = _unknown_part(appearance, found)
@@ -192,10 +192,12 @@ class _Run:
         begin = next((start for start in starts if start and not _is_known(_sighting(start.landmarks), found)), None)
         if begin is None:
             return None
-        first = Pass(begin, self.preset, create_tracker(self.preset), face_id=len(found))
-        files = replace(self.files.of_face(len(found)), overlay=None)
+        face_id, tracker = len(found), create_tracker(self.preset)
+        files = replace(self.files.of_face(face_id), overlay=None)
         files.check(self.inputs)
-        return _track_face(first, self.passes, found, len(unknown) < len(appearance), files, report)
+        report = self.reporter(face_id + 1)
+        first = Pass(begin, self.preset, tracker, files, report, self.passes, face_id=face_id)
+        return _track_face(first, found, apart=len(unknown) < len(appearance))
 
 
 def _detections(footage: Footage) -> Iterator[list[Sighting]]:
@@ -276,19 +278,12 @@ def _within(begin: Start, footage: Footage) -> Start:
     )
 
 
-def _track_face(
-    first: Pass,
-    passes: int,
-    others: Sequence[TrackedFace],
-    apart: bool,
-    files: Destination,
-    report: Callable[[Estimate], None],
-) -> TrackedFace | None:
+def _track_face(first: Pass, others: Sequence[TrackedFace], apart: bool) -> TrackedFace | None:
     """Track a face and write its files; None, without files, if other tracks have it in all but a few frames. apart:
     part of its appearance is another track's, which then has it in more than a few frames if it is the same face."""
     begin, face = first.begin, None
     incomplete = {"complete": False, "stopped": "the other faces are not tracked yet"}
-    for result, tracker in run_passes(first, passes, files, report):
+    for result, tracker in run_passes(first):
         track = replace(result, metadata={**result.metadata, **incomplete})
         face = TrackedFace(track, FaceBoxes(track), tracker, begin.camera)
         own = len(track) - _without_other_faces(face, others).lost
@@ -296,7 +291,7 @@ def _track_face(
         few = min(_LEAST_SECONDS * begin.footage.video.fps, 0.5 * len(track))
         if own < few or (apart and shared > few):
             return None
-        files.write(track)
+        first.files.write(track)
     return face
 
 
@@ -328,3 +323,13 @@ def _draw(
             ]
             writer.write(draw(frame, shown, faces[0].camera), frame.time)
             report(estimates[0])
+
+
+def _write(found: Sequence[TrackedFace], wanted: int, files: Destination) -> list[Track]:
+    """Write the final tracks of all faces and return them, each with their number."""
+    summary = {"complete": True, "stopped": None, "faces": len(found), "faces_wanted": wanted}
+    tracks = [replace(face.track, metadata={**face.track.metadata, **summary}) for face in found]
+    for face_id, track in reversed(list(enumerate(tracks))):  # if the first is complete, all are
+        files.of_face(face_id).write(track)
+    files.warn_if_stale(len(tracks))
+    return tracks

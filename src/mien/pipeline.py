@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -103,118 +104,140 @@ def track(
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera, file_of(preset)))
     if show:
         require_screen()
-    count = footage.frame_count
-    total = None if count is None else passes * count
-
-    def report(estimate: Estimate) -> None:
-        if progress is not None:
-            progress(estimate, total)
-
     check_passes(passes, footage.video, tracker, preset)
+    report = reporter(progress, footage, passes)
     with Window(footage.video.name) if show else nullcontext() as window:
-
-        def show_waiting(frame: Frame) -> None:
-            if window is not None:
-                from mien.output.overlay import FaceOverlay, draw
-
-                window.show(draw(frame, [FaceOverlay(before_start(frame))], footage.camera_of(frame)))
-
-        begin = prepare(footage, landmarks, at_once, face, report, show_waiting)
-        for result, _ in run_passes(Pass(begin, preset, tracker, window=window), passes, files, report):
+        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
+        for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
             files.write(result)
     files.warn_if_stale(1)
     return result
 
 
+def reporter(progress: Progress | None, footage: Footage, rounds: int) -> Callable[[Estimate], None]:
+    """A function that reports an estimate as progress. rounds: how often each frame of the footage is reported."""
+    count = footage.frame_count
+    total = None if count is None else rounds * count
+    return lambda estimate: None if progress is None else progress(estimate, total)
+
+
+def _show_waiting(window: Window | None, footage: Footage, frame: Frame) -> None:
+    """Show a frame in which no face was seen yet, if there is a window."""
+    if window is not None:
+        from mien.output.overlay import FaceOverlay, draw
+
+        window.show(draw(frame, [FaceOverlay(before_start(frame))], footage.camera_of(frame)))
+
+
 @dataclass(frozen=True)
 class Pass:
-    """One pass of a tracker over its frames. number: 1, or more for a pass that starts with what the previous one has
+    """One pass of a tracker over its frames. files: where the result goes; report: called for each estimate; passes:
+    their number, of which the last is drawn; number: 1, or more for a pass that starts with what the previous one has
     learned; window: shows the overlay; face_id: index of the face in the video."""
 
     begin: Start
     preset: str
     tracker: Tracker
+    files: Destination
+    report: Callable[[Estimate], None]
+    passes: int = 1
     number: int = 1
     window: Window | None = None
     face_id: int = 0
 
 
-def run_passes(
-    first: Pass, passes: int, files: Destination, report: Callable[[Estimate], None]
-) -> Iterator[tuple[Track, Tracker]]:
+def run_passes(first: Pass) -> Iterator[tuple[Track, Tracker]]:
     """Run all passes; yield the track of each, and the tracker with what it has learned. Only the last is drawn."""
     this = first
-    for number in range(1, passes + 1):
+    for number in range(1, first.passes + 1):
         if number > 1 and isinstance(this.tracker, RepeatableTracker):
             begin = replace(this.begin, frames=this.begin.footage.frames(), reported=0)
             this = replace(this, begin=begin, tracker=this.tracker.again(), number=number)
-        result, this = _run_pass(this, files, report, last=number == passes)
+        result, this = _run_pass(this)
         yield result, this.tracker
 
 
-def _run_pass(this: Pass, files: Destination, report: Callable[[Estimate], None], last: bool) -> tuple[Track, Pass]:
+def _run_pass(this: Pass) -> tuple[Track, Pass]:
     """Run one pass; return its track, and the pass with the start that it had and the tracker with what it has learned.
-    Only the last pass is drawn.
 
     If interrupted in the first pass, write the frames tracked so far.
     """
-    begin, tracker = this.begin, this.tracker
-    earlier: dict[int, Estimate] = {}
-    last_row = -1
-    with Recorder(files.table, this.face_id) as recorder:
+    tracker = this.tracker
+    earlier: dict[int, Estimate] = {}  # of the frames before the first, until they are recorded
+    with Recorder(this.files.table, this.face_id) as recorder:
         try:
-            for estimate in begin.passed:
+            for estimate in this.begin.passed:
                 recorder.add(estimate)
-            for estimate in run_back(tracker, begin):
+            for estimate in run_back(tracker, this.begin):
                 earlier[estimate.index] = estimate
-                if estimate.index >= begin.reported:
-                    report(estimate)
-            if this.number == 1 and begin.instead is not None and begin.has_strayed(earlier):
-                begin, tracker = replace(begin.instead, reported=max(earlier) + 1), create_tracker(this.preset)
-                this = replace(this, begin=begin, tracker=tracker)
-                warn(
-                    f"{begin.footage.video.name}: faces pass each other after {begin.first.time:.2f} s, where the one "
-                    "that is tracked is learned"
-                )
-                earlier = {estimate.index: estimate for estimate in run_back(tracker, begin)}
+                if estimate.index >= this.begin.reported:
+                    this.report(estimate)
+            if this.number == 1 and this.begin.instead is not None and this.begin.has_strayed(earlier):
+                this = _begun_anew(this, replace(this.begin.instead, reported=max(earlier) + 1))
+                tracker = this.tracker
+                earlier = {estimate.index: estimate for estimate in run_back(tracker, this.begin)}
             tracker = _next_tracker(this) if earlier else tracker
-            with drawing(files.overlay if last else None, this) as draw:
-                for frame, estimate in run(tracker, begin, earlier):
-                    recorder.add(estimate)
-                    last_row = estimate.index
-                    draw(frame, estimate, this.tracker if frame.index in earlier else tracker)
-                    if estimate.status is Status.INITIALIZED and this.number == 1:
-                        warn_if_turned(estimate, begin.footage.video)
-                    if frame.index >= begin.reported and frame.index not in earlier:
-                        report(estimate)
+            _run_forward(this, tracker, earlier, recorder)
         except BaseException as raised:
             error = interruption(raised)
-            for index in sorted(index for index in earlier if index > last_row):
+            for index in sorted(earlier):
                 recorder.add(earlier[index])
-            if this.number > 1 and files.table is not None:
-                warn(f"stopped in the second pass; {files.table} holds the first")
-            elif recorder.count and files.table is not None:
-                with suppress(MienError):  # the original error matters more than a failure to write the rows
-                    stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
-                    files.write(_finished_track(recorder, tracker, metadata(this, recorder, stopped)))
-                    warn(f"stopped after {recorder.count} frames, which are in {files.table}")
+            _write_stopped(this, tracker, recorder, error)
             if error is raised:
                 raise
             raise error from None
-        track = _finished_track(recorder, tracker, metadata(this, recorder))
-        return track, replace(this, tracker=tracker)
+        return _track_of(this, tracker, recorder), replace(this, tracker=tracker)
 
 
-def _finished_track(recorder: Recorder, tracker: Tracker, values: Mapping[str, Any]) -> Track:
-    """The recorded track, with its rotations expressed in the head axes as the tracker finally knows them."""
-    track = recorder.track(values)
-    report_anew = getattr(getattr(tracker, "axes", None), "report_anew", None)
-    return track.turned(report_anew()) if callable(report_anew) else track
+def _begun_anew(this: Pass, begin: Start) -> Pass:
+    """The pass with another start, and a tracker that has learned nothing; warns that faces pass each other."""
+    anew = replace(this, begin=begin, tracker=create_tracker(this.preset))
+    warn(
+        f"{begin.footage.video.name}: faces pass each other after {begin.first.time:.2f} s, where the one that is "
+        "tracked is learned"
+    )
+    return anew
 
 
 def _next_tracker(this: Pass) -> Tracker:
     """A tracker for the forward run, with what was learned so far if the tracker supports that."""
     return this.tracker.again() if isinstance(this.tracker, RepeatableTracker) else create_tracker(this.preset)
+
+
+def _run_forward(this: Pass, tracker: Tracker, earlier: dict[int, Estimate], recorder: Recorder) -> None:
+    """Record, draw and report all frames in their order.
+
+    earlier: what the tracker of the pass has estimated before the first frame, by index; each is removed once it is
+    recorded. tracker: tracks the first frame and all after it.
+    """
+    with drawing(this) as draw:
+        for frame, estimate in run(tracker, this.begin, earlier):
+            recorder.add(estimate)
+            is_earlier = earlier.pop(frame.index, None) is not None
+            draw(frame, estimate, this.tracker if is_earlier else tracker)
+            if estimate.status is Status.INITIALIZED and this.number == 1:
+                warn_if_turned(estimate, this.begin.footage.video)
+            if frame.index >= this.begin.reported and not is_earlier:
+                this.report(estimate)
+
+
+def _write_stopped(this: Pass, tracker: Tracker, recorder: Recorder, error: BaseException) -> None:
+    """Write the frames that were tracked before this error, except in a second pass; the files hold the first."""
+    table = this.files.table
+    if this.number > 1 and table is not None:
+        warn(f"stopped in the second pass; {table} holds the first")
+    elif recorder.count and table is not None:
+        with suppress(MienError):  # the original error matters more than a failure to write the rows
+            stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
+            this.files.write(_track_of(this, tracker, recorder, stopped))
+            warn(f"stopped after {recorder.count} frames, which are in {table}")
+
+
+def _track_of(this: Pass, tracker: Tracker, recorder: Recorder, stopped: str | None = None) -> Track:
+    """The recorded track, with its rotations expressed in the head axes as the tracker finally knows them."""
+    track = recorder.track(metadata(this, recorder, stopped))
+    report_anew = getattr(getattr(tracker, "axes", None), "report_anew", None)
+    return track.turned(report_anew()) if callable(report_anew) else track
 
 
 def warn_if_turned(first: Estimate, video: Video) -> None:
@@ -297,8 +320,10 @@ def run(
 
 
 @contextmanager
-def drawing(path: Path | None, this: Pass) -> Iterator[Callable[[Frame, Estimate, Tracker], None]]:
-    """A function that draws a tracker's estimate on its frame: into the video `path` and on the screen, if wanted."""
+def drawing(this: Pass) -> Iterator[Callable[[Frame, Estimate, Tracker], None]]:
+    """A function that draws a tracker's estimate on its frame: into a video, in the last pass, and on the screen, if
+    wanted."""
+    path = this.files.overlay if this.number == this.passes else None
     if path is None and this.window is None:
         yield lambda frame, estimate, tracker: None
         return
