@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -15,7 +14,10 @@ from mien.appearance.descriptors import describe, orientation_maps
 from mien.arrays import Array
 from mien.geometry.rotation import FACING, exp
 from mien.tracking import kernels, pose_geometry
+from mien.tracking.kernels import AppearanceArrays, Linearization, PriorArrays
 from mien.tracking.optimizers import Simplex
+from mien.tracking.pose_geometry import PoseArrays
+from mien.tracking.posterior import LowestPoint, PosePosterior
 from strategies import random_person, random_pose, stepped
 
 CAMERA = np.array([280.0, 159.5, 119.5])
@@ -106,15 +108,9 @@ def test_a_misplacement_that_is_known_to_be_none_changes_nothing() -> None:
 
 @dataclass(frozen=True)
 class Problem:
-    """Eq. (9) of random landmarks in a random picture, as `RealtimeTracker` hands it to the kernels."""
+    """Eq. (9) of random landmarks in a random picture."""
 
-    maps: Any
-    person: tuple[Array, Array]
-    appearance: tuple[Any, ...]
-    active: Array
-    scale: Array
-    prior: tuple[Array, ...]
-    view: tuple[Array, ...]
+    posterior: PosePosterior
 
     @classmethod
     def random(cls, seed: int = 0, precision: float = 1e12) -> Problem:
@@ -122,56 +118,53 @@ class Problem:
         rng = np.random.default_rng(seed)
         noise = rng.uniform(0, 255, (150, 150)).astype(np.float32)
         maps = orientation_maps(blurred(noise, 3.0), CELL)
-        (R, t, a), person = random_pose(seed), random_person(seed)
+        pose, person = random_pose(seed), random_person(seed)
         ray = exp(np.array([0.05, -0.03, 0]))
         coefficients = rng.normal(0, 0.01, (N, kernels.POLYNOMIAL_TERMS, 128)).astype(np.float32)
-        q, _ = pose_geometry.project(person, R, t, a, (CAMERA, LINEAR, OFFSET, ray))
-        tilt, pan, _ = pose_geometry.view_angles(ray.T @ R @ FACING)
+        q, _ = pose_geometry.project(person, pose, (CAMERA, LINEAR, OFFSET, ray))
+        tilt, pan, _ = pose_geometry.view_angles(ray.T @ pose[0] @ FACING)
         terms = kernels.polynomial(tilt, pan, LIMIT)[0]
         coefficients[:, 0] += describe(maps, q, *SAMPLING) - np.einsum("p,npc->nc", terms, coefficients)
         U = np.stack([np.linalg.qr(rng.normal(size=(128, RANK)))[0].T for _ in range(N)]).astype(np.float32)
         variance, floor = rng.uniform(0.001, 0.01, (N, RANK)), 4e-3
-        appearance = (
-            coefficients,
-            np.zeros((N, 128), np.float32),
-            np.ascontiguousarray(U),
-            (1 / (variance + floor) - 1 / floor).astype(np.float32),
-            np.full(N, 1 / floor, np.float32),
-            LIMIT,
-            np.full((N, 4), 1 / precision),
+        appearance = AppearanceArrays(
+            coefficients=coefficients,
+            limit=LIMIT,
+            offset=np.zeros((N, 128), np.float32),
+            U=np.ascontiguousarray(U),
+            gain=(1 / (variance + floor) - 1 / floor).astype(np.float32),
+            inverse_floor=np.full(N, 1 / floor, np.float32),
+            variance=np.full((N, 4), 1 / precision),
         )
         active = np.ones(N)
         active[3] = 0
         sd = np.array([0.09] * 3 + [0.2, 0.2, 0.3] + [0.2] * 6)
-        prior = (R, t, a, np.diag(1 / sd**2), np.zeros(6), np.full(6, 1 / 0.4**2))
-        return cls(maps, person, appearance, active, np.full(N, 25.0), prior, (CAMERA, LINEAR, OFFSET, ray))
+        prior = PriorArrays(pose, np.diag(1 / sd**2), np.zeros(6), np.full(6, 1 / 0.4**2))
+        view = (CAMERA, LINEAR, OFFSET, ray)
+        return cls(PosePosterior(maps, SAMPLING, person, appearance, active, np.full(N, 25.0), prior, view))
+
+    def but(self, **fields: Array) -> Problem:
+        """The same problem with other fields of the posterior."""
+        return Problem(self.posterior._replace(**fields))
 
     @property
-    def minimum(self) -> tuple[Array, Array, Array]:
+    def minimum(self) -> PoseArrays:
         """Where the descriptors agree with the appearance and the pose with its prior."""
-        return self.prior[0], self.prior[1], self.prior[2]
+        return self.posterior.prior.pose
 
     def evaluate(self, R: Array, t: Array, a: Array) -> tuple[float, Array, Array, Array]:
         """Energy, H (12, 12), G (12,), squared distances (n,)."""
-        y, M, g, d2 = np.zeros((N, 128), np.float32), np.zeros((N, 4, 4)), np.zeros((N, 4)), np.zeros(N)
-        B, w, H, G = np.zeros((N, 4, 12)), np.zeros(N), np.empty((12, 12)), np.empty(12)
-        energy = kernels.evaluate(
-            R, t, a, self.maps, SAMPLING, self.person, self.appearance, self.active, self.scale, self.prior,
-            self.view, y, M, g, d2, B, w, H, G,
-        )  # fmt: skip
-        return float(energy), H, G, d2
+        at = Linearization(*(both[0] for both in kernels.buffers(N)))
+        energy = kernels.evaluate((R, t, a), self.posterior, at)
+        return float(energy), at.H, at.G, at.d2
 
     def energy(self, step: Array) -> float:
         """Energy after a step (12,) from the minimum: what the simplex minimises."""
         return self.evaluate(*stepped(*self.minimum, step))[0]
 
-    def solve(self, step: Array, iterations: int = 40) -> tuple[Any, ...]:
-        """`kernels.solve` from a step (12,) away from the minimum."""
-        found: tuple[Any, ...] = kernels.solve(
-            *stepped(*self.minimum, step), self.maps, SAMPLING, self.person, self.appearance, self.active,
-            self.scale, self.prior, self.view, iterations, 1e-4, kernels.workspace(len(self.active)),
-        )  # fmt: skip
-        return found
+    def solve(self, step: Array, iterations: int = 40) -> LowestPoint:
+        """The lowest point that is found from a step (12,) away from the minimum."""
+        return self.posterior.solve(stepped(*self.minimum, step), iterations, 1e-4)
 
 
 AWAY = np.array([0.03, -0.02, 0.01, 0.01, -0.01, 0.05, 0.05, -0.1, 0.0, 0.1, 0.05, -0.05])
@@ -183,7 +176,9 @@ def test_gradient_of_the_energy_against_differences(seed: int) -> None:
     problem = Problem.random(seed)
     at = stepped(*problem.minimum, AWAY)
     energy, _, G, d2 = problem.evaluate(*at)
-    assert d2[problem.active > 0].max() > problem.scale[0]  # some landmarks are outliers and weigh less
+    assert (
+        d2[problem.posterior.active > 0].max() > problem.posterior.scale[0]
+    )  # some landmarks are outliers and weigh less
     directions = np.vstack([np.eye(12), np.random.default_rng(seed).normal(size=(8, 12))])
     difference = []
     for direction in directions:
@@ -201,7 +196,7 @@ def test_the_matrix_is_that_of_gauss_and_newton() -> None:
     problem = Problem.random(4)
     energy, H, G, d2 = problem.evaluate(*problem.minimum)
     np.testing.assert_allclose(d2, 0, atol=1e-5)
-    rest = problem.prior[2] @ problem.prior[2] / 0.4**2
+    rest = problem.minimum[2] @ problem.minimum[2] / 0.4**2
     assert energy == pytest.approx(rest, abs=1e-4)
     np.testing.assert_allclose(H, H.T, rtol=1e-5, atol=1e-3)
     assert np.linalg.eigvalsh(0.5 * (H + H.T)).min() > 0
@@ -213,8 +208,10 @@ def test_the_matrix_is_that_of_gauss_and_newton() -> None:
 
 def test_hidden_landmarks_say_nothing() -> None:
     problem = Problem.random(5)
-    other = replace(problem, person=(problem.person[0].copy(), problem.person[1]))
-    other.person[0][3] += 0.2  # the one that is not active
+    neutral, units = problem.posterior.person
+    moved = neutral.copy()
+    moved[3] += 0.2  # the one that is not active
+    other = Problem(problem.posterior._replace(person=(moved, units)))
     at = stepped(*problem.minimum, AWAY)
     for a, b in zip(problem.evaluate(*at)[:3], other.evaluate(*at)[:3], strict=True):
         np.testing.assert_array_equal(a, b)
@@ -222,27 +219,27 @@ def test_hidden_landmarks_say_nothing() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_solve_finds_the_minimum(seed: int) -> None:
-    problem = replace(Problem.random(seed), scale=np.full(N, 1e6))
-    R, t, a, energy, H, *_, evaluations = problem.solve(0.3 * AWAY)
-    _, _, G, _ = problem.evaluate(R, t, a)
-    assert energy <= problem.energy(np.zeros(12)) + 1e-3
-    assert evaluations <= 40
+    problem = Problem.random(seed).but(scale=np.full(N, 1e6))
+    found = problem.solve(0.3 * AWAY)
+    _, _, G, _ = problem.evaluate(*found.pose)
+    assert found.energy <= problem.energy(np.zeros(12)) + 1e-3
+    assert found.evaluations <= 40
     # What is left of the gradient is worth little, in units of the energy.
-    assert G @ np.linalg.solve(H, G) < 0.05
+    assert G @ np.linalg.solve(found.at.H, G) < 0.05
 
 
 def test_solve_and_simplex_minimise_the_same_energy() -> None:
     problem = Problem.random(6, precision=100.0)
-    found = problem.solve(0.3 * AWAY)[3]
+    found = problem.solve(0.3 * AWAY).energy
     simplex = Simplex(0.3 * np.abs(AWAY) + 0.01, 3000, np.random.default_rng(0)).minimize(problem, 0.3 * AWAY)
     assert problem.energy(simplex.b) == pytest.approx(simplex.energy)
     assert found <= simplex.energy + 0.2
 
 
 def test_no_active_landmark_leaves_the_prior() -> None:
-    problem = replace(Problem.random(7), active=np.zeros(N))
-    R, t, a, *_ = problem.solve(0.3 * AWAY)
-    np.testing.assert_allclose(R, problem.prior[0], atol=1e-4)
-    np.testing.assert_allclose(t, problem.prior[1], atol=1e-4)
+    problem = Problem.random(7).but(active=np.zeros(N))
+    R, t, a = problem.solve(0.3 * AWAY).pose
+    np.testing.assert_allclose(R, problem.minimum[0], atol=1e-4)
+    np.testing.assert_allclose(t, problem.minimum[1], atol=1e-4)
     # Between the last animation and the one at rest, weighted by their information: 1 / 0.2^2 and 1 / 0.4^2.
-    np.testing.assert_allclose(a, 0.8 * problem.prior[2], atol=1e-3)
+    np.testing.assert_allclose(a, 0.8 * problem.minimum[2], atol=1e-3)

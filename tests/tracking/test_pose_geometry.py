@@ -69,12 +69,12 @@ def test_view_angles_jacobian_against_differences(tilt: float, pan: float, roll:
 def test_projection_and_its_jacobian(seed: int) -> None:
     (R, t, a), (neutral, units) = random_pose(seed), random_person(seed)
     view = (CAMERA, LINEAR, OFFSET, np.eye(3))
-    q, J = pose_geometry.project((neutral, units), R, t, a, view)
+    q, J = pose_geometry.project((neutral, units), (R, t, a), view)
     X = (neutral + np.tensordot(a, units, axes=1)) @ R.T + t
     np.testing.assert_allclose(q, (CAMERA[0] * X[:, :2] / X[:, 2:] + CAMERA[1:]) @ LINEAR.T + OFFSET, rtol=1e-9)
     for direction in np.random.default_rng(seed + 10).normal(size=(5, 12)):
         ahead, behind = (
-            pose_geometry.project((neutral, units), *stepped(R, t, a, s * 1e-6 * direction), view)[0] for s in (1, -1)
+            pose_geometry.project((neutral, units), stepped(R, t, a, s * 1e-6 * direction), view)[0] for s in (1, -1)
         )
         np.testing.assert_allclose(J @ direction, (ahead - behind) / 2e-6, rtol=1e-5, atol=1e-4)
 

@@ -73,5 +73,7 @@ def test_the_rest_is_firmer_where_a_prediction_has_turned() -> None:
     first = Pose(FACING, np.array([0.0, 0.0, 9.0]), np.zeros(6))
     prior = StatePrior(first, RealtimeSettings())
     turned = Pose(exp(np.array([0.0, 0.7, 0.0])) @ FACING, first.t, first.animation)
-    front, side = (prior.arrays(Prediction(pose, prior.information, first))[-1] for pose in (first, turned))
+    front, side = (
+        prior.arrays(Prediction(pose, prior.information, first)).rest_information for pose in (first, turned)
+    )
     assert (side > 5 * front).all()

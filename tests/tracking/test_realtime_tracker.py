@@ -212,10 +212,10 @@ def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
     tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
-    *_, at, information = tracker.prior.arrays(tracker._prediction(tracker.pose))
-    np.testing.assert_array_equal(at, tracker.fit.animation)
+    prior = tracker.prior.arrays(tracker._prediction(tracker.pose))
+    np.testing.assert_array_equal(prior.rest, tracker.fit.animation)
     loose = np.array([1.0, 1.0, 1.0, 4.0, 1.0, 4.0])  # the second is jaw_drop, fourth and sixth are of the brows
-    np.testing.assert_allclose(information, loose * [51, 41, 26, 11, 1 + 50 / 101, 3], rtol=1e-6)
+    np.testing.assert_allclose(prior.rest_information, loose * [51, 41, 26, 11, 1 + 50 / 101, 3], rtol=1e-6)
 
 
 def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
@@ -226,7 +226,9 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
     tracker.initialize(frame, face().landmarks, face().camera)
     view, found = tracker._search(frame)
     strange = replace(
-        found, d2=np.full_like(found.d2, 120.0), w=np.full_like(found.w, 0.01), facing=np.full(len(found.w), True)
+        found,
+        at=found.at._replace(d2=np.full_like(found.d2, 120.0), w=np.full_like(found.w, 0.01)),
+        facing=np.full(len(found.w), True),
     )
     tracker._remember(frame, view, strange)
     mouth = tracker.person.mouth
@@ -234,7 +236,7 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
     assert (tracker.motion.weight[~mouth] < 0.1).all()
     *_, says_whose_face_it_is = tracker.identity.patches.frames[-1]
     assert (says_whose_face_it_is < 0.1).all()
-    tracker._remember(frame, view, replace(strange, d2=np.full_like(found.d2, 1000.0)))
+    tracker._remember(frame, view, replace(strange, at=strange.at._replace(d2=np.full_like(found.d2, 1000.0))))
     assert (tracker.motion.weight < 0.1).all()
 
 
@@ -276,7 +278,7 @@ def test_misplacement_solves_each_landmark_alone() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     _, solution = tracker.solver.refine(sequence().frames[1], tracker._prediction(tracker.pose))
     seen = solution.facing
-    expected = -np.linalg.solve(solution.M[seen, :2, :2], solution.g[seen, :2, None])[:, :, 0]
+    expected = -np.linalg.solve(solution.at.M[seen, :2, :2], solution.at.g[seen, :2, None])[:, :, 0]
     assert 0 < (np.abs(expected) > 0.1).mean() < 0.9
     for most in (0.1, 100.0):
         squared = np.square(np.clip(expected, -most, most)).mean(axis=1)
@@ -414,10 +416,11 @@ def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
     assert tracker._damp(predicted, found) is found
 
     few = found.facing & (np.arange(len(found.facing)) < 5)
-    turned = replace(found, facing=few, pose=predicted.moved(np.array([0.1, 0, 0] + [0.0] * 9)), H=1e-2 * found.H)
+    pose = predicted.moved(np.array([0.1, 0, 0] + [0.0] * 9))
+    turned = replace(found, facing=few, pose=pose, at=found.at._replace(H=1e-2 * found.at.H))
     held = tracker._damp(predicted, turned)
     assert 0 < predicted.step_to(held.pose)[0] < 0.05  # most of the way back
-    sure = tracker._damp(predicted, replace(turned, H=1e6 * found.H))
+    sure = tracker._damp(predicted, replace(turned, at=found.at._replace(H=1e6 * found.at.H)))
     np.testing.assert_allclose(predicted.step_to(sure.pose), predicted.step_to(turned.pose), atol=1e-4)
 
 

@@ -16,7 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from numba import types
+import numpy as np
+from numba import typeof
+from numpy.typing import NDArray
 
 from mien.appearance import crop, descriptors
 from mien.compiled import is_cached
@@ -33,66 +35,68 @@ from mien.tracking import (
     shape,
     uncertainty,
 )
+from mien.tracking.kernels import AppearanceArrays, PriorArrays
+from mien.tracking.motion import Template
+from mien.tracking.posterior import PosePosterior
 
 _PATIENCE_S = 120
 _PROGRAM = "from mien.tracking import first_run; first_run.compile_in_background()"
 
 
-def _array(dimensions: int, entry: Any = types.float64) -> Any:
-    return types.Array(entry, dimensions, "C")
+def _array(dimensions: int, entry: type = np.float64) -> NDArray[Any]:
+    """An example of an argument: kernels are compiled for the type of its entries and the number of its dimensions."""
+    return np.zeros((1,) * dimensions, entry)
 
 
-def _single(dimensions: int) -> Any:
-    return _array(dimensions, types.float32)
+def _single(dimensions: int) -> NDArray[Any]:
+    return _array(dimensions, np.float32)
 
 
-_POSE = (_array(2), _array(1), _array(1))
-_PERSON = types.Tuple((_array(2), _array(3)))
-_VIEW = types.Tuple((_array(1), _array(2), _array(1), _array(2)))
-_PRIOR = types.Tuple((*_POSE, _array(2), _array(1), _array(1)))
-_APPEARANCE = types.Tuple((_single(3), _single(2), _single(3), _single(2), _single(1), _array(1), _array(2)))
-_SAMPLING = types.Tuple((types.int64, *[types.float64] * 3))
-_SEEN = _array(1, types.boolean)
-_POINT = types.UniTuple(types.float64, 2)
-_WORKSPACE = types.Tuple((_single(3), *(_array(k) for k in (4, 3, 2, 4, 2, 3, 2))))
-_PATCHES = types.Tuple((_single(2), _array(1), _array(1)))
-_TEMPLATE = types.Tuple((_single(2), _array(1), _single(3), _array(3), _array(3)))
+_POSE = _array(2), _array(1), _array(1)
+_PERSON = _array(2), _array(3)
+_VIEW = _array(1), _array(2), _array(1), _array(2)
+_PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
+_APPEARANCE = AppearanceArrays(
+    coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), inverse_floor=_single(1),
+    limit=_array(1), variance=_array(2),
+)  # fmt: skip
+_SAMPLING = (1, 0.0, 0.0, 0.0)
+_PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW)
+_TEMPLATE = Template(_single(2), _array(1), _single(3), _array(3), _array(3))
+_PATCHES = (_single(2), _array(1), _array(1))
+_SEEN = _array(1, np.bool_)
+_POINT = (0.0, 0.0)
 
 Kernel = tuple[Any, tuple[Any, ...]]
-"""A kernel, and the types of what tracking calls it with."""
-POLYNOMIAL: Kernel = kernels.polynomial, (types.float64, types.float64, _array(1))
-SOLVE: Kernel = (
-    kernels.solve,
-    (*_POSE, _single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW,
-     types.int64, types.float64, _WORKSPACE),
-)  # fmt: skip
+"""A kernel, and examples of what tracking calls it with."""
+POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
+SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.buffers(1))
 _IN_BACKGROUND: tuple[Kernel, ...] = (
     (descriptors._describe, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
     SOLVE,
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
     (definite._inverse, (_array(2),)),
-    (level._nearest, (_array(1), types.float64)),
+    (level._nearest, (_array(1), 0.0)),
     (level._bilinear_lookup, (_single(3), _array(2), _array(1))),
 )
 """What the other process compiles, first what the solver shares with the learning of the face."""
 _IN_FOREGROUND: tuple[Kernel, ...] = (
-    (crop._resample, (_array(2, types.uint8), _POINT, _POINT, _single(2))),
-    (motion.extract_patches, (_single(2), _PERSON, _array(3), types.Tuple(_POSE), _VIEW)),
+    (crop._resample, (_array(2, np.uint8), _POINT, _POINT, _single(2))),
+    (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
     (motion.align,
-     (_single(2), _PERSON, _array(3), _TEMPLATE, _array(1), _PRIOR, _VIEW, types.float64, _array(1), types.int64,
-      types.float64)),
+     (_single(2), _PERSON, _array(3), _TEMPLATE, _array(1), _PRIOR, _VIEW, 0.0, _array(1), 1, 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
-    (eyes._closing_moments, (_array(2), types.float64)),
-    (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, types.float64)),
+    (eyes._closing_moments, (_array(2), 0.0)),
+    (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, 0.0)),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
-    (pose_geometry.in_camera, (_PERSON, *_POSE)),
+    (pose_geometry.in_camera, (_PERSON, _POSE)),
     (kernels.misplacement_variance, (_array(2), _array(3), _array(1))),
-    (kernels.squared_misplacement, (_array(3), _array(2), types.float64)),
-    (kernels.student_information, (*[_array(1)] * 3, types.float64)),
-    (pose_geometry.reported_landmarks, (_PERSON, _array(2), *_POSE, _array(2, types.int64), _POINT, _array(1))),
-    (person._update_average, (_array(2), types.int64, _array(1), _SEEN, types.float64, types.float64)),
-    (uncertainty._total_covariance, (types.float64, _array(2), types.float64, _array(2), _array(1))),
+    (kernels.squared_misplacement, (_array(3), _array(2), 0.0)),
+    (kernels.student_information, (*[_array(1)] * 3, 0.0)),
+    (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
+    (person._update_average, (_array(2), 1, _array(1), _SEEN, 0.0, 0.0)),
+    (uncertainty._total_covariance, (0.0, _array(2), 0.0, _array(2), _array(1))),
 )  # fmt: skip
 """What this process compiles meanwhile, once it has learned the face; the remaining kernels compile quickly."""
 
@@ -134,8 +138,12 @@ class BackgroundCompilation:
 
 def _compile(kernel: Kernel) -> None:
     """Compile a kernel for the types that tracking calls it with, or load it from disk."""
-    function, arguments = kernel
-    function.compile(arguments)
+    function, examples = kernel
+    function.compile(_signature(examples))
+
+
+def _signature(examples: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple(typeof(example) for example in examples)
 
 
 def _stop(helper: subprocess.Popen[bytes]) -> None:

@@ -1,30 +1,72 @@
-"""The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised.
-
-Arguments are grouped as in `pose_geometry`; `prior` is predicted R, t, animation and information (12, 12), the rest of
-the animation and its information (6,).
-"""
+"""The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mien.appearance.descriptors import _describe
+from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.tracking.definite import solve_positive, transposed_product
 from mien.tracking.pose_geometry import (
     STATE_SIZE,
+    PoseArrays,
     angles_along_ray,
     displacement,
     project,
-    rotate,
+    step_back,
     step_between,
 )
 
 DEGREE = 4
 POLYNOMIAL_TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
+
+
+class AppearanceArrays(NamedTuple):
+    """What n landmarks are expected to look like, by tilt and pan.
+
+    coefficients (n, 15, 128): of the mean descriptor, see `polynomial`; limit (2,): of tilt and pan, radians;
+    offset (n, 128): added to the mean by adaptation; U (n, k, 128), gain (n, k), inverse_floor (n,): the metric, see
+    `linearize_landmarks`; variance (n, 4): of the systematic error, see `marginalize_misplacement`.
+    """
+
+    coefficients: Float32
+    offset: Float32
+    U: Float32
+    gain: Float32
+    inverse_floor: Float32
+    limit: Array
+    variance: Array
+
+
+class PriorArrays(NamedTuple):
+    """The prior of Eq. (9): a predicted pose and the information (12, 12) of a step away from it; the rest of the
+    animation (6,) and the information (6,) of each unit about it."""
+
+    pose: PoseArrays
+    information: Array
+    rest: Array
+    rest_information: Array
+
+
+class Linearization(NamedTuple):
+    """Eq. (9) about a pose.
+
+    Of each of n landmarks: residual (n, 128), observed less expected descriptor; M (n, 4, 4), g (n, 4) and d2 (n,),
+    information, gradient and squared distance by [u, v, tilt, pan]; B (n, 4, 12), derivative of those four by the pose
+    step; w (n,), robust weight. Of all: H (12, 12), Gauss-Newton matrix, and G (12,), gradient of half the energy.
+    """
+
+    residual: Float32
+    M: Array
+    g: Array
+    d2: Array
+    B: Array
+    w: Array
+    H: Array
+    G: Array
 
 
 @kernel()
@@ -51,15 +93,15 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 
 
 @kernel()
-def linearize_landmarks(
-    maps: Any, sampling: Any, q: Any, coefficients: Any, delta: Any, terms: Any, U: Any, gain: Any,
-    inverse_floor: Any, active: Any, residuals: Any, M: Any, g: Any, d2: Any,
-) -> None:  # fmt: skip
-    """Squared distance of every active landmark, and its derivatives by [u, v, tilt, pan] of the crop.
+def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms: Any, active: Any, at: Any) -> None:
+    """Squared distance of every active landmark at q (n, 2), and its derivatives by [u, v, tilt, pan] of the crop.
 
-    Fills residuals (n, 128), observed less expected descriptors, M (n, 4, 4) Gauss-Newton information, g (n, 4)
-    gradient, d2 (n,) squared distance, in the metric `I inverse_floor + U^T diag(gain) U`, U (n, k, 128).
+    Fills residual, M, g and d2 of a `Linearization`, in the metric `I inverse_floor + U^T diag(gain) U`. terms (3, 15):
+    see `polynomial`.
     """
+    coefficients, U, gain = appearance.coefficients, appearance.U, appearance.gain
+    offset, inverse_floor = appearance.offset, appearance.inverse_floor
+    residuals, M, g, d2 = at.residual, at.M, at.g, at.d2
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
     D = np.empty((5, 128), np.float32)  # residual, then its derivatives by u, v, tilt, pan
@@ -70,7 +112,7 @@ def linearize_landmarks(
             continue
         _describe(maps, q[i : i + 1], sampling, D[:1], J)
         for c in range(128):
-            residual[c] -= delta[i, c]
+            residual[c] -= offset[i, c]
             by_u[c] = J[0, 0, c]
             by_v[c] = J[0, 1, c]
             by_tilt[c] = 0.0
@@ -187,10 +229,10 @@ def student_information(information: Any, moved: Any, firmness: Any, factor: flo
 
 
 @kernel()
-def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
+def add_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
     """The part of the prior in Eq. (9): returns its energy, and sets H (12, 12) and G (12,) to its derivatives."""
-    R_prior, t_prior, a_prior, information, a_rest, rest_information = prior
-    step = step_between(R_prior, t_prior, a_prior, R, t, a)
+    information, rest_information = prior.information, prior.rest_information
+    step = step_between(*prior.pose, *pose)
     energy = 0.0
     for r in range(STATE_SIZE):
         G[r] = 0.0
@@ -199,7 +241,7 @@ def add_prior(R: Any, t: Any, a: Any, prior: Any, H: Any, G: Any) -> float:
             G[r] += information[r, c] * step[c]
         energy += G[r] * step[r]
     for k in range(6):
-        from_rest = a[k] - a_rest[k]
+        from_rest = pose[2][k] - prior.rest[k]
         H[6 + k, 6 + k] += rest_information[k]
         G[6 + k] += rest_information[k] * from_rest
         energy += rest_information[k] * from_rest * from_rest
@@ -220,34 +262,24 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
 
 
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
-def evaluate(
-    R: Any, t: Any, a: Any, maps: Any, sampling: Any, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, residuals: Any, M: Any, g: Any, d2: Any, B: Any, w: Any, H: Any, G: Any,
-) -> Any:  # fmt: skip
-    """Eq. (9) at a state: returns the robust energy; fills its Gauss-Newton matrix H (12, 12) and gradient G (12,).
-
-    The derivatives are those of half the energy. Also fills, per landmark, residuals, M, g, d2 (see
-    `linearize_landmarks`), B (n, 4, 12), the derivative of [u, v, tilt, pan] by the pose step, and the weight w in the
-    solution.
-    """
-    coefficients, delta, U, gain, inverse_floor, limit, variance = appearance
-    ray = view[3]
-    q, J = project(person, R, t, a, view)
-    tilt, pan, by_ray = angles_along_ray(ray, R)
+def evaluate(pose: Any, problem: Any, at: Any) -> Any:
+    """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
+    active, scale, appearance, ray = problem.active, problem.scale, problem.appearance, problem.geometry[3]
+    q, J = project(problem.person, pose, problem.geometry)
+    tilt, pan, by_ray = angles_along_ray(ray, pose[0])
     J_angles = np.empty((2, 3))  # by a rotation vector in camera axes
     for k in range(2):
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
-    terms = polynomial(tilt, pan, limit)
-    linearize_landmarks(
-        maps, sampling, q, coefficients, delta, terms, U, gain, inverse_floor, active, residuals, M, g, d2
-    )  # fmt: skip
-    energy = add_prior(R, t, a, prior, H, G)
+    terms = polynomial(tilt, pan, appearance.limit)
+    linearize_landmarks(problem.maps, problem.sampling, q, appearance, terms, active, at)
+    _, M, g, d2, B, w, H, G = at
+    energy = add_prior(pose, problem.prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
         if active[i] <= 0.0:
             continue
-        d2[i] = marginalize_misplacement(M[i], g[i], d2[i], variance[i])
+        d2[i] = marginalize_misplacement(M[i], g[i], d2[i], appearance.variance[i])
         # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
         ratio = scale[i] / (scale[i] + d2[i])
         energy += active[i] * d2[i] * ratio
@@ -264,56 +296,54 @@ def evaluate(
     return energy
 
 
-def workspace(n: int) -> tuple[NDArray[Any], ...]:
-    """Buffers for `solve`: residuals, M, g, d2, B, w, H and G of n landmarks, zero for those that take no part. Each is
-    there twice, for the lowest point so far and for the next evaluation."""
-    return (
+def buffers(n: int) -> Linearization:
+    """Two linearisations of n landmarks for `solve`, zero for those that take no part, with one more dimension: of the
+    lowest point so far, and of the next one."""
+
+    return Linearization(
         np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
         np.zeros((2, n, 4, STATE_SIZE)), np.zeros((2, n)),
         np.zeros((2, STATE_SIZE, STATE_SIZE)), np.zeros((2, STATE_SIZE)),
     )  # fmt: skip
 
 
-@kernel()
-def solve(
-    R: Any, t: Any, a: Any, maps: Any, sampling: Any, person: Any, appearance: Any, active: Any, scale: Any,
-    prior: Any, view: Any, iterations: int, tolerance: float, buffers: Any,
-) -> Any:  # fmt: skip
-    """Levenberg-Marquardt on Eq. (9) from a state; the set of active landmarks is frozen. buffers: see `workspace`.
+@kernel(inline="always")
+def one_of(k: int, b: Any) -> Any:
+    """Linearisation k of `buffers`."""
+    return Linearization(b.residual[k], b.M[k], b.g[k], b.d2[k], b.B[k], b.w[k], b.H[k], b.G[k])
 
-    Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns R,
-    t, a, energy, H (12, 12), residuals (n, 128), M (n, 4, 4), g (n, 4), d2 (n,), B (n, 4, 12), w (n,) of the lowest
-    point evaluated, and the number of evaluations.
+
+@kernel()
+def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: Any) -> Any:
+    """Levenberg-Marquardt on Eq. (9), a `PosePosterior`, from a pose; the set of active landmarks is frozen.
+
+    Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns the
+    pose, energy and index in the buffers of the lowest point evaluated, and the number of evaluations.
     """
-    residuals, M, g, d2, B, w, H, G = buffers
     lowest, free = 0, 1
-    best, damping = np.inf, 1e-3
-    best_R, best_t, best_a = R, t, a
+    energy, damping = np.inf, 1e-3
+    pose, best = start, start
     evaluations = 0
     while evaluations < iterations:
-        energy = evaluate(
-            R, t, a, maps, sampling, person, appearance, active, scale, prior, view,
-            residuals[free], M[free], g[free], d2[free], B[free], w[free], H[free], G[free],
-        )  # fmt: skip
+        here = evaluate(pose, problem, one_of(free, buffers))
         evaluations += 1
-        if energy < best:
-            best, best_R, best_t, best_a = energy, R, t, a
+        if here < energy:
+            energy, best = here, pose
             lowest, free = free, lowest
             damping *= 0.2
         else:
             damping *= 10.0
             if damping > 1e6:
                 break
-        A = H[lowest].copy()
+        A, G = buffers.H[lowest].copy(), buffers.G[lowest]
         for k in range(STATE_SIZE):
             A[k, k] *= 1.0 + damping
-        step = solve_positive(A, G[lowest])
-        R, t, a = rotate(-step[:3], best_R), best_t - step[3:6], best_a - step[6:]
+        step = solve_positive(A, G)
+        pose = step_back(best, step)
         gain = 0.0  # that the quadratic model promises
         for k in range(STATE_SIZE):
-            gain += G[lowest, k] * step[k]
+            gain += G[k] * step[k]
         if gain < tolerance:
-            best_R, best_t, best_a = R, t, a
+            best = pose
             break
-    k = lowest
-    return best_R, best_t, best_a, best, H[k], residuals[k], M[k], g[k], d2[k], B[k], w[k], evaluations
+    return best, energy, lowest, evaluations

@@ -14,7 +14,7 @@ contrast of each patch left free.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,15 +23,18 @@ from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.tracking.definite import inverse_definite, solve_positive
-from mien.tracking.kernels import add_prior
+from mien.tracking.kernels import PriorArrays, add_prior
 from mien.tracking.pose_geometry import (
     STATE_SIZE,
+    PersonArrays,
+    PoseArrays,
+    ViewArrays,
     gradient_by_pose,
     landmark,
     project_to_crop,
     projection_of,
-    rotate,
     rotated,
+    step_back,
 )
 from mien.tracking.prior import JAW_DROP
 
@@ -41,6 +44,21 @@ _HELD = 1e12
 """Information that keeps an entry of a pose step at zero."""
 _LEAST_GREY = 1.0
 """Grey values: a smaller residual is due to chance."""
+
+
+class Template(NamedTuple):
+    """Patches of n landmarks, m points each, in one frame.
+
+    values (n, m), less their mean, and norms (n,) of these; J (n, 6, m), derivatives by rotation and translation, less
+    their mean; JJ (n, 12, 12), sums of the products of the derivatives by the whole pose step; units (n, 6, 3), the
+    displacements by the animation units in camera axes.
+    """
+
+    values: Float32
+    norms: Array
+    J: Float32
+    JJ: Array
+    units: Array
 
 
 class Motion:
@@ -58,41 +76,41 @@ class Motion:
         )
         floor[6 + JAW_DROP] = settings.prior_jaw  # a mouth that opens shows what the last frame did not
         self.least_drift = floor**2
-        self.template: tuple[Any, ...] | None = None
+        self.template: Template | None = None
         self.weight = np.zeros(len(patches))
         self.mouth = mouth
         self.held = np.diag(np.append(np.full(_RIGID, _HELD), np.where(MOVES_MOUTH, 0.0, _HELD)))
 
     def remember(
-        self, image: Float32, person: tuple[Array, Array], pose: tuple[Array, Array, Array], view: tuple[Array, ...]
+        self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays
     ) -> tuple[Float32, Array]:
-        """Take the patches from a crop in which the face is at a pose (R, t, animation); returns their values (n, m)
-        less their mean, and norms (n,). person: neutral landmarks and animation units; view: as `kernels.solve`'s."""
-        self.template = extract_patches(image, person, self.patches, pose, view)
-        values: Float32 = self.template[0]
-        return values, self.template[1]
+        """Take the patches from a crop in which the face is at a pose; returns their values (n, m) less their mean, and
+        norms (n,)."""
+        self.template = Template(*extract_patches(image, person, self.patches, pose, view))
+        return self.template.values, self.template.norms
 
     def measure(
-        self, image: Float32, person: tuple[Array, Array], prior: tuple[Array, ...], view: tuple[Array, ...]
-    ) -> tuple[tuple[Array, Array, Array], Array]:
-        """The pose (R, t, animation) at which a crop shows the patches best, and the covariance (12, 12) of a step from
-        it, in units of the energy of Eq. (9). prior: predicted pose and information, as `kernels.solve`'s.
+        self, image: Float32, person: PersonArrays, prior: PriorArrays, view: ViewArrays
+    ) -> tuple[PoseArrays, Array]:
+        """The pose at which a crop shows the patches best, and the covariance (12, 12) of a step from it, in units of
+        the energy of Eq. (9).
 
         The head's motion is that of most patches. A mouth moves differently, and is an outlier among them: its units
         are aligned once more with the head held, and each of its patches compared with its own contrast."""
         s = self.settings
         assert self.template is not None, "the last frame is remembered before a motion is measured"
-        contrast = self.template[1] ** 2 / self.patches.shape[2]
-        R, t, a, information = align(
+        contrast = self.template.norms**2 / self.patches.shape[2]
+        (R, t, a), information = align(
             image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
             np.zeros_like(contrast), s.motion_iterations, s.motion_tolerance,
         )  # fmt: skip
-        held = (R, t, a, prior[3] + self.held, *prior[4:])
-        a = align(
+        held = prior._replace(pose=(R, t, a), information=prior.information + self.held)
+        (_, _, a), _ = align(
             image, person, self.patches, self.template, self.weight * self.mouth, held, view, s.motion_robust_factor,
             s.motion_mouth_share**2 * contrast, s.motion_iterations, s.motion_tolerance,
-        )[2]  # fmt: skip
-        return (R, t, a), inverse_definite(information / s.motion_noise + prior[3])
+        )  # fmt: skip
+        covariance = inverse_definite(information / s.motion_noise + prior.information)
+        return (R, t, a), covariance
 
     def drift(self, step: Array) -> Array:
         """Variances (12,) of the systematic error of a measured step (12,): a share of the step, and a constant."""
@@ -126,9 +144,8 @@ def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, proj
 
 @kernel()
 def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
-    """Values (n, m) of patches (n, 3, m) less their mean, norms (n,), derivatives (n, 6, m) by rotation and translation
-    less their mean, sums (n, 12, 12) of the products of the derivatives by the whole pose step, and the units (n, 6, 3)
-    in camera axes.
+    """The entries of the `Template` of a face at a pose. patches (n, 3, m): points, relative to their landmarks in the
+    model's axes.
 
     All points of a patch move alike with the units, so that the derivatives by these are sums of those by translation.
     """
@@ -200,13 +217,13 @@ def align(
     tolerated: Any, iterations: int, tolerance: float,
 ) -> Any:  # fmt: skip
     """Gauss-Newton from the prior's pose, with the derivatives of the last frame, until a step promises a gain below
-    `tolerance`. Returns R, t, a and the information (12, 12) of the pixels, taken as independent. A patch loses its
+    `tolerance`. Returns the pose and the information (12, 12) of the pixels, taken as independent. A patch loses its
     weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame, and its square
     that of `tolerated` (n,)."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
     projection = projection_of(view)
-    R, t, a = prior[0], prior[1], prior[2]
+    pose = prior.pose
     residual, off = np.empty((n, m), np.float32), np.zeros(n)
     Y, q = np.empty((3, m)), np.empty((2, m))
     H, G, D, down = (
@@ -217,6 +234,7 @@ def align(
     )
     usual = 1e9  # at first every patch counts
     for _ in range(iterations):
+        R, t, a = pose
         total, squared = 1e-9, 0.0
         for i in range(n):
             if active[i] > 0.0:
@@ -228,7 +246,7 @@ def align(
                 total += active[i] * ratio * ratio
                 squared += active[i] * ratio * ratio * off[i]
         usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
-        add_prior(R, t, a, prior, H, G)
+        add_prior(pose, prior, H, G)
         for r in range(STATE_SIZE):
             for c in range(STATE_SIZE):
                 D[r, c] = 0.0
@@ -252,10 +270,10 @@ def align(
             for c in range(STATE_SIZE):
                 H[r, c] += D[r, c]
         step = solve_positive(H, G)
-        R, t, a = rotate(-step[:3], R), t - step[3:6], a - step[6:]
+        pose = step_back(pose, step)
         gain = 0.0
         for k in range(STATE_SIZE):
             gain += step[k] * G[k]
         if gain < tolerance:
             break
-    return R, t, a, D
+    return pose, D

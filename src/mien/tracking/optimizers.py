@@ -71,5 +71,5 @@ class LevenbergMarquardt:
 
     def minimize(self, problem: PosePosterior, start: Array) -> Minimum:
         """The lowest point found within the iterations that are allowed."""
-        R, t, a, energy, *_, evaluations = problem.solve(*unpack(start), self.iterations, self.tolerance)
-        return Minimum(pack(R, t, a), float(energy), int(evaluations))
+        found = problem.solve(unpack(start), self.iterations, self.tolerance)
+        return Minimum(pack(*found.pose), found.energy, found.evaluations)

@@ -20,6 +20,7 @@ from mien.tracking.adaptation import Adaptation
 from mien.tracking.eyes import closing_of
 from mien.tracking.learning import LearnedFace, learn_face
 from mien.tracking.level import Level
+from mien.tracking.pose_geometry import PersonArrays
 from mien.tracking.shape import ShapePosterior, shape_information
 from mien.tracking.solution import Pose, Solution
 from mien.tracking.state import Closing
@@ -103,18 +104,18 @@ class Person:
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
 
     @property
-    def arrays(self) -> tuple[Array, Array]:
-        """Neutral landmarks and units as the kernels take them."""
+    def arrays(self) -> PersonArrays:
+        """Landmarks and units as the kernels take them."""
         return self.neutral, self.units
 
     def in_camera(self, pose: Pose) -> Array:
         """Landmarks (n, 3) in camera axes."""
-        X: Array = pose_geometry.in_camera(self.arrays, *pose.arrays)
+        X: Array = pose_geometry.in_camera(self.arrays, pose.arrays)
         return X
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed. before: the last frame's."""
-        return closing_of(solution.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
+        return closing_of(solution.at.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
 
     def adapted_offset(self, level: Level, pose: Pose) -> Float32:
         """What adaptation adds to the means (n, 128) of a level at a pose."""
@@ -152,7 +153,7 @@ class Person:
             return
         strange = self._strange(solution, agreement, s.view_strange_distance)
         if strange.any():
-            self.adaptation.learn_view(solution.pose.angles, solution.residual[strange], strange)
+            self.adaptation.learn_view(solution.pose.angles, solution.at.residual[strange], strange)
 
     def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
         """Learn the appearance of eyes that look strange, sooner if the person wears spectacles."""
@@ -165,7 +166,7 @@ class Person:
         least = s.strange_distance if self.spectacles_evidence < SPECTACLES else s.spectacles_distance
         strange = self.eyes & self._strange(solution, agreement, least)
         if strange.any():
-            self.adaptation.learn_eyes(solution.pose.angles, solution.residual[strange], strange)
+            self.adaptation.learn_eyes(solution.pose.angles, solution.at.residual[strange], strange)
 
     def _strange(self, solution: Solution, agreement: Array, least: float) -> Mask:
         """Landmarks (n,) that have moved with the face and whose distance is beyond `least` times the expected one."""
@@ -197,7 +198,8 @@ class Person:
             return False
         regularizer = novelty * _STEP_INFORMATION
         weight = novelty * solution.w * (1 - share)
-        Lambda, gradient = shape_information(solution.B, solution.M, solution.g, weight, pose.R, regularizer)
+        at = solution.at
+        Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, regularizer)
         changed = self.shape.add(self.neutral, Lambda, gradient, novelty)
         self.neutral = self.shape.mean
         return changed

@@ -1,9 +1,8 @@
 """Poses and projections, compiled: rotations, the landmarks of a face at a pose, and their points in crop and image.
 
-Kernels take plain arrays, grouped in tuples: `person` is neutral landmarks (n, 3) and animation units (6, n, 3) in head
-axes; `view` is camera (3,), linear part (2, 2) and offset (2,) of the crop, and the rotation (3, 3) from the optical
-axis to the face. A pose step is `[w, t, a]`: a rotation vector in camera axes applied on the left, a translation,
-animation units.
+Kernels take arrays, grouped in tuples: `pose`, `person` and `view` are `PoseArrays`, `PersonArrays` and `ViewArrays`. A
+pose step is `[w, t, a]`: a rotation vector in camera axes applied
+on the left, a translation, animation units.
 """
 
 from __future__ import annotations
@@ -12,11 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.compiled import kernel
 from mien.tracking.definite import transposed_product
 
 STATE_SIZE = 12
 """Entries of the state, Eq. (2), and of a pose step."""
+
+
+PoseArrays = tuple[Array, Array, Array]
+"""A pose for the kernels: R (3, 3) and t (3,) from the model's axes to the camera's, animation (6,)."""
+PersonArrays = tuple[Array, Array]
+"""A face: landmarks (n, 3) at rest, and their displacements (6, n, 3) by the animation units, in the model's axes."""
+ViewArrays = tuple[Array, Array, Array, Array]
+"""A crop: camera (3,), focal length and principal point in pixels of the image; linear part (2, 2) and offset (2,) of
+the similarity from image to crop; rotation (3, 3) from the optical axis to the face."""
 
 
 @kernel()
@@ -128,6 +137,13 @@ def step_between(R: Any, t: Any, a: Any, R_to: Any, t_to: Any, a_to: Any) -> Any
 
 
 @kernel()
+def step_back(pose: Any, step: Any) -> Any:
+    """The pose from which a pose step (12,) leads to this one."""
+    R, t, a = pose
+    return rotate(-step[:3], R), t - step[3:6], a - step[6:]
+
+
+@kernel()
 def displacement(i: int, units: Any, a: Any) -> Any:
     """Displacement of landmark i by an animation: three coordinates in head axes."""
     x, y, z = 0.0, 0.0, 0.0
@@ -147,8 +163,9 @@ def landmark(i: int, person: Any, a: Any) -> Any:
 
 
 @kernel()
-def in_camera(person: Any, R: Any, t: Any, a: Any) -> Any:
+def in_camera(person: Any, pose: Any) -> Any:
     """Landmarks (n, 3) in camera axes."""
+    R, t, a = pose
     X = np.empty((person[0].shape[0], 3))
     for i in range(X.shape[0]):
         x, y, z = landmark(i, person, a)
@@ -158,7 +175,7 @@ def in_camera(person: Any, R: Any, t: Any, a: Any) -> Any:
 
 
 @kernel()
-def reported_landmarks(person: Any, offsets: Any, R: Any, t: Any, a: Any, lids: Any, closing: Any, camera: Any) -> Any:
+def reported_landmarks(person: Any, offsets: Any, pose: Any, lids: Any, closing: Any, camera: Any) -> Any:
     """The first m landmarks as they are reported: (m, 3) in camera axes, and (m, 2) in the image, NaN behind the
     camera.
 
@@ -166,7 +183,7 @@ def reported_landmarks(person: Any, offsets: Any, R: Any, t: Any, a: Any, lids: 
     lower lids; closing (2,): how far each moves towards the other, as shares of the opening.
     """
     m = offsets.shape[0]
-    X, image = in_camera(person, R, t, a)[:m], np.empty((m, 2))
+    X, image, R = in_camera(person, pose)[:m], np.empty((m, 2)), pose[0]
     for i in range(m):
         x, y, z = rotated(R, offsets[i, 0], offsets[i, 1], offsets[i, 2])
         X[i, 0], X[i, 1], X[i, 2] = X[i, 0] + x, X[i, 1] + y, X[i, 2] + z
@@ -230,10 +247,10 @@ def gradient_by_pose(gu: float, gv: float, Y: Any, t: Any, projection: Any) -> A
 
 
 @kernel()
-def project(person: Any, R: Any, t: Any, a: Any, view: Any) -> Any:
+def project(person: Any, pose: Any, view: Any) -> Any:
     """Landmarks in the crop (n, 2) and their derivative (n, 2, 12) by [rotation vector, t, animation]."""
-    neutral, units = person
-    n, projection = neutral.shape[0], projection_of(view)
+    (R, t, a), units = pose, person[1]
+    n, projection = units.shape[1], projection_of(view)
     q, J = np.empty((n, 2)), np.empty((n, 2, STATE_SIZE))
     for i in range(n):
         x, y, z = landmark(i, person, a)

@@ -12,6 +12,7 @@ from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.tracking import kernels
+from mien.tracking.kernels import PriorArrays
 from mien.tracking.solution import Pose, Prediction
 from mien.tracking.uncertainty import turn_squared
 
@@ -62,9 +63,10 @@ class StatePrior:
         self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest_mouth**-2, s.rest_mouth_firmness
         self.firmness[JAW_DROP] = s.rest_jaw_firmness
 
-    def arrays(self, predicted: Prediction) -> tuple[Array, ...]:
+    def arrays(self, predicted: Prediction) -> PriorArrays:
         """The prior about a prediction, as the kernels take it."""
-        return (*predicted.pose.arrays, predicted.information, self.rest, self._rest_information(predicted))
+        information = self._rest_information(predicted)
+        return PriorArrays(predicted.pose.arrays, predicted.information, self.rest, information)
 
     def _rest_information(self, predicted: Prediction) -> Array:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""

@@ -256,15 +256,15 @@ class RealtimeTracker:
             return found
         sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation, s.prior_jaw)
         inertia = np.diag(1 / sd**2)
-        information = found.H / frame_variance(d2, share)
+        information = found.at.H / frame_variance(d2, share)
         back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
         return replace(found, pose=found.pose.moved(-back))
 
     def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
         """The prediction corrected by the motion of the pixels since the last frame."""
         prior = self.prior.arrays(predicted)
-        arrays, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
-        pose = Pose(*arrays)
+        moved, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
+        pose = Pose(*moved)
         covariance += self.step_covariance
         covariance.reshape(-1)[::13] += self.motion.drift(self.pose.step_to(pose))  # the diagonal
         return Prediction(pose, inverse_definite(covariance), self.pose)
@@ -334,7 +334,7 @@ class RealtimeTracker:
         closing = self.closing
         lids = lid_closing(closing.share if closing else 0.0)
         X, image = pose_geometry.reported_landmarks(
-            self.person.arrays, self.landmark_offsets, *self.pose.arrays, _LIDS, lids, self.solver.camera_vector
+            self.person.arrays, self.landmark_offsets, self.pose.arrays, _LIDS, lids, self.solver.camera_vector
         )
         d2, share = solution.seen(self.settings.seen_distance)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)

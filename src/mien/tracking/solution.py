@@ -15,14 +15,17 @@ from mien.arrays import Array, Float32, Mask
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking import kernels, pose_geometry
 from mien.tracking.definite import inverse_definite
+from mien.tracking.kernels import Linearization
 from mien.tracking.level import Level
+from mien.tracking.pose_geometry import PoseArrays, ViewArrays
 
 _LEAST_LANDMARKS = 6
 
 
 @dataclass(frozen=True)
 class Pose:
-    """State of Eq. (2) with its rotation as a matrix: R (3, 3) head -> camera, t (3,), animation (6,)."""
+    """State of Eq. (2) with its rotation as a matrix: R (3, 3) and t (3,) from the axes of the fitted model, which
+    differ from the head's (see `HeadAxes`), to the camera's, animation (6,)."""
 
     R: Array
     t: Array
@@ -32,9 +35,9 @@ class Pose:
         """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
         return Pose(pose_geometry.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
 
-    @property
-    def arrays(self) -> tuple[Array, Array, Array]:
-        """R, t and animation as the kernels take them."""
+    @cached_property
+    def arrays(self) -> PoseArrays:
+        """The pose as the kernels take it."""
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     @cached_property
@@ -78,7 +81,7 @@ class View:
     upright: Pose
     crop: Crop
     image: Float32
-    geometry: tuple[Array, ...]
+    geometry: ViewArrays
     facing: Mask
 
     def upright_at(self, pose: Pose) -> View:
@@ -121,28 +124,29 @@ class View:
 class Solution:
     """The lowest point of Eq. (9) that a solve found, and what was observed there.
 
-    H: (12, 12) Gauss-Newton matrix; of each of the n landmarks residual (n, 128), the observed descriptor less the
-    expected one; M (n, 4, 4), g (n, 4) and d2 (n,), information, gradient and squared distance by [u, v, tilt, pan]; B
-    (n, 4, 12), derivative of those four by the pose step; w (n,), weight; facing (n,), whether it faces the camera
-    inside the image; expected (n,), its usual d2. See `kernels.solve`.
+    facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance.
     """
 
     pose: Pose
     energy: float
-    H: Array
-    residual: Float32
-    M: Array
-    g: Array
-    d2: Array
-    B: Array
-    w: Array
+    at: Linearization
     facing: Mask
     expected: Array
+
+    @property
+    def d2(self) -> Array:
+        """Squared distance (n,) of each landmark from what was expected."""
+        return self.at.d2
+
+    @property
+    def w(self) -> Array:
+        """Robust weight (n,) of each landmark."""
+        return self.at.w
 
     @cached_property
     def step_covariance(self) -> Array:
         """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
-        return inverse_definite(self.H)
+        return inverse_definite(self.at.H)
 
     @cached_property
     def misfit(self) -> float:
@@ -177,4 +181,4 @@ class Solution:
     def squared_misplacement(self, most: float) -> Array:
         """Mean square (n,) per axis, in pixels of the crop, of the step that each landmark alone would take from where
         the pose puts it, limited to `most`."""
-        return np.asarray(kernels.squared_misplacement(self.M, self.g, most))
+        return np.asarray(kernels.squared_misplacement(self.at.M, self.at.g, most))

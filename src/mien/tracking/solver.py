@@ -11,6 +11,7 @@ from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.tracking import pose_geometry
+from mien.tracking.kernels import AppearanceArrays
 from mien.tracking.level import Level
 from mien.tracking.person import Person
 from mien.tracking.posterior import PosePosterior
@@ -64,10 +65,8 @@ class PoseSolver:
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
         s = self.settings
-        R, t, a, energy, H, residual, M, g, d2, B, w, _ = self.posterior(view, predicted).solve(
-            *start.arrays, s.iterations, s.tolerance
-        )
-        return Solution(Pose(R, t, a), energy, H, residual, M, g, d2, B, w, view.facing, self.person.expected.copy())
+        found = self.posterior(view, predicted).solve(start.arrays, s.iterations, s.tolerance)
+        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, self.person.expected.copy())
 
     def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) in one view, with its prior centred on a prediction."""
@@ -77,14 +76,20 @@ class PoseSolver:
             maps=view.maps,
             sampling=view.sampling,
             person=person.arrays,
-            appearance=(appearance.coefficients, person.adapted_offset(level, view.upright), appearance.U,
-                        trust[:, None] * appearance.gain, trust * appearance.inverse_floor, appearance.limit,
-                        person.misplacement_variance(level, predicted.last.animation)),
+            appearance=AppearanceArrays(
+                coefficients=appearance.coefficients,
+                limit=appearance.limit,
+                offset=person.adapted_offset(level, view.upright),
+                U=appearance.U,
+                gain=trust[:, None] * appearance.gain,
+                inverse_floor=trust * appearance.inverse_floor,
+                variance=person.misplacement_variance(level, predicted.last.animation),
+            ),
             active=view.facing.astype(np.float64),
             scale=person.tolerance * person.expected,
             prior=self.prior.arrays(predicted),
-            view=view.geometry,
-        )  # fmt: skip
+            geometry=view.geometry,
+        )
 
     def _fits(self, view: View, pose: Pose) -> bool:
         """Whether the crop of a view was made for nearly the roll, scale and position of a face at a pose."""
