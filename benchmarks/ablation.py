@@ -35,10 +35,9 @@ from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
-from mien.tracking import learning, person, realtime
-from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.solution import Pose, Prediction, Solution, View
-from mien.tracking.solver import PoseSolver
+from mien.tracking.realtime import RealtimeTracker, learning, person, tracker
+from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.state import Estimate
 from mien.video import open_video
 
@@ -172,7 +171,7 @@ class UprightInTheCrop(RealtimeTracker):
     """Descriptors keep the orientation and the scale of the crop that they are sampled from."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        with patch.object(realtime, "PoseSolver", _UprightInTheCrop):
+        with patch.object(tracker, "PoseSolver", _UprightInTheCrop):
             return super().initialize(frame, landmarks, camera)
 
 

@@ -3,7 +3,8 @@ with a head that is turned.
 
 `OMP_NUM_THREADS=1 python benchmarks/confidence.py PATH`, with PATH the folder of the rendered sequences. Prints, as
 Markdown, how often the rotation is right to 5 degrees by confidence and by the share of the landmarks that is seen,
-and the bias and the weight of `mien.tracking.uncertainty` that fit these frames best, a wrong rotation counting twice.
+and the bias and the weight of `mien.tracking.realtime.uncertainty` that fit these frames best, a wrong rotation
+counting twice.
 `-o FIGURE` draws the reliability diagram.
 """
 
@@ -29,8 +30,7 @@ from mien.evaluation.datasets import load_dataset
 from mien.evaluation.figures import reliability_diagram
 from mien.evaluation.metrics import RIGHT_DEG, reliability
 from mien.frame import Frame
-from mien.tracking import realtime, uncertainty
-from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.realtime import RealtimeTracker, tracker, uncertainty
 
 RUNS = 5
 """Runs of every sequence with boards, after one without."""
@@ -108,7 +108,7 @@ def track(run: Run) -> Frames:
         noted.append((float(np.log(np.trace(covariance[:3, :3]))), seen, value))
         return value
 
-    with patch.object(realtime, "confidence", confidence):
+    with patch.object(tracker, "confidence", confidence):
         compared = score(RealtimeTracker, run).compared
     return Frames(*np.array(noted).T, compared.rotation_error_deg[~compared.lost], int(compared.lost.sum()))
 

@@ -5,7 +5,7 @@ sequences and RECORDINGS one of videos in which nothing but the boards comes bef
 what the tracker finds without boards. Prints, as Markdown, of the landmarks that face the camera, how many of those
 without a board before them are told as seen (a visibility above a half), of all, of the mouth and of the eyes, and how
 many of those behind one as hidden; then how often landmarks are seen by what is told of them, on the recordings, and
-the constants of `mien.tracking.uncertainty` that fit all these best.
+the constants of `mien.tracking.realtime.uncertainty` that fit all these best.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.detector import first_with_a_face
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
-from mien.tracking import realtime, uncertainty
-from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.realtime import RealtimeTracker, uncertainty
+from mien.tracking.realtime import tracker as realtime_tracker
 from mien.video import open_video
 
 N = len(LANDMARK_NAMES)
@@ -70,7 +70,7 @@ def track(frames: list[Frame], landmarks: Landmarks, camera: Camera) -> dict[int
         return value
 
     out = {}
-    with patch.object(realtime, "visibility", visibility):
+    with patch.object(realtime_tracker, "visibility", visibility):
         tracker = RealtimeTracker()
         for k, frame in enumerate(frames):
             estimate = tracker.track(frame) if k else tracker.initialize(frame, landmarks, camera)

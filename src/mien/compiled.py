@@ -1,5 +1,5 @@
 """How Numba compiles the inner loops: on the first call of each, cached on disk. On the first run a second process
-compiles the largest (`tracking/first_run.py`).
+compiles the largest (`tracking/realtime/first_run.py`).
 
 Numba compiles a kernel anew when its own file has changed. It contains the code of kernels and the constants of other
 files, so here it is compiled anew when any of these has.
@@ -37,7 +37,7 @@ _PACKAGES = ("appearance", "candide", "geometry", "tracking")
 def _source_stamp() -> str:
     """Digest of all source that kernels are compiled from."""
     digest, root = sha256(), Path(__file__).parent
-    for file in sorted(chain.from_iterable((root / package).glob("*.py") for package in _PACKAGES)):
+    for file in sorted(chain.from_iterable((root / package).rglob("*.py") for package in _PACKAGES)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 

@@ -179,7 +179,7 @@ class RealtimeSettings(Settings):
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     hidden_depth: float = Field(0.2, gt=0, description="depth behind the face's own surface above which it is hidden")
     sidelong_weight: float = Field(0.03, gt=0, le=1, description="weight of a view that sees a landmark edge-on")
-    lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean that halves what a landmark says at a pose")
+    lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean that halves a landmark's metric")
     learn_shape: bool = Field(True, description="whether the shape is learned while tracking")
     relief_sd: float = Field(0.12, ge=0, description="relative standard deviation of the whole face's depth")
     depth_sd: float = Field(0.08, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")

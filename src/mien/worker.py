@@ -13,7 +13,7 @@ from importlib import import_module
 from mien.cli import main
 from mien.initialization.mediapipe_mesh import import_solution
 from mien.output.columns import import_pandas
-from mien.tracking import first_run
+from mien.tracking.realtime import first_run
 
 for _module in ("mien.evaluation.job", "mien.faces", "mien.tracking.realtime", "pyarrow.csv", "pyarrow.parquet"):
     import_module(_module)

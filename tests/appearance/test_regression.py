@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mien.appearance.regression import PoseRegression
-from mien.tracking.kernels import POLYNOMIAL_TERMS, polynomial
+from mien.tracking.realtime.kernels import POLYNOMIAL_TERMS, polynomial
 
 LIMIT = np.array([0.7, 0.5])
 N, RANK, FLOOR = 2, 5, 4e-3

@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given
 
 from mien.arrays import Array
-from mien.config import RealtimeSettings
 from mien.frame import Frame
-from mien.geometry.rotation import FACING, exp
+from mien.geometry.rotation import FACING
 from mien.tracking.likelihood import LandmarkModel
-from mien.tracking.prior import GaussianPrior, StatePrior, state_sd
-from mien.tracking.solution import Pose, Prediction
+from mien.tracking.prior import GaussianPrior, state_sd
 from mien.tracking.state import STATE_NAMES, Estimate, Status, pack, unpack
 from strategies import animations, head_rotations, head_translations, vectors
 
@@ -66,14 +64,3 @@ def test_an_estimate_says_angles_and_their_error() -> None:
     frontal = Estimate(0, 0.0, Status.TRACKED, FACING, np.zeros(3), None, covariance)
     np.testing.assert_allclose(frontal.euler, 0, atol=1e-12)
     np.testing.assert_allclose(frontal.euler_sd, [0.1, 0.2, 0.3])
-
-
-def test_the_rest_is_firmer_where_a_prediction_has_turned() -> None:
-    """Also of two predictions from the same last pose, as while a lost face is searched for."""
-    first = Pose(FACING, np.array([0.0, 0.0, 9.0]), np.zeros(6))
-    prior = StatePrior(first, RealtimeSettings())
-    turned = Pose(exp(np.array([0.0, 0.7, 0.0])) @ FACING, first.t, first.animation)
-    front, side = (
-        prior.arrays(Prediction(pose, prior.information, first)).rest_information for pose in (first, turned)
-    )
-    assert (side > 5 * front).all()

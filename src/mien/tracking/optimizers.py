@@ -9,8 +9,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from mien.arrays import Array
-from mien.tracking.posterior import PosePosterior
-from mien.tracking.state import pack, unpack
 
 
 class Energy(Protocol):
@@ -57,19 +55,3 @@ class Simplex:
             },
         )
         return Minimum(start + self.sd * result.x, float(result.fun), int(result.nfev))
-
-
-@dataclass(frozen=True)
-class LevenbergMarquardt:
-    """Gauss-Newton with damping, by the analytic derivatives of an energy that has them.
-
-    tolerance: least gain of an iteration, in units of the energy.
-    """
-
-    iterations: int
-    tolerance: float
-
-    def minimize(self, problem: PosePosterior, start: Array) -> Minimum:
-        """The lowest point found within the iterations that are allowed."""
-        found = problem.solve(unpack(start), self.iterations, self.tolerance)
-        return Minimum(pack(*found.pose), found.energy, found.evaluations)

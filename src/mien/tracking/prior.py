@@ -1,20 +1,13 @@
-"""The evolution model: `p(b_t | b_{t-1}) = N(b_t; b_{t-1}, Psi)`, Eq. (4): as printed, and that of real-time
-tracking."""
+"""The evolution model: `p(b_t | b_{t-1}) = N(b_t; b_{t-1}, Psi)`, Eq. (4)."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from mien.arrays import Array
-from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
-from mien.config import RealtimeSettings
-from mien.tracking import kernels
-from mien.tracking.kernels import PriorArrays
-from mien.tracking.solution import Pose, Prediction
-from mien.tracking.uncertainty import turn_squared
+from mien.candide.model import TRACKED_UNITS
 
 JAW_DROP = TRACKED_UNITS.index("jaw_drop")
 
@@ -39,39 +32,3 @@ def state_sd(
     sd = np.array([np.radians(rotation_deg)] * 3 + [translation, translation, depth] + [animation] * 6)
     sd[6 + JAW_DROP] = animation if jaw is None else jaw
     return sd
-
-
-class StatePrior:
-    """The prior of the real-time tracker: of the pose about a prediction, and of the animation about rest.
-
-    The latter has heavy tails (Student's t, reweighted by the last frame), since a face is mostly at rest, and
-    otherwise may show anything. What a turn does to a face looks much like an expression, so it tightens as the head
-    turns.
-
-    information: (12, 12) of a step from the last pose, where no motion has been measured; R_first: (3, 3) rotation of
-    the first frame, from which turns are counted.
-    """
-
-    def __init__(self, first: Pose, settings: RealtimeSettings) -> None:
-        """first: pose of the first frame, whose animation is the rest."""
-        s = settings
-        sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation, s.prior_jaw)
-        self.settings = s
-        self.information = np.diag(1 / sd**2)
-        self.rest, self.R_first = first.animation, first.R
-        self.rest_information, self.firmness = np.full(6, s.rest_animation**-2), np.full(6, s.rest_firmness)
-        self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest_mouth**-2, s.rest_mouth_firmness
-        self.firmness[JAW_DROP] = s.rest_jaw_firmness
-
-    def arrays(self, predicted: Prediction) -> PriorArrays:
-        """The prior about a prediction, as the kernels take it."""
-        information = self._rest_information(predicted)
-        return PriorArrays(predicted.pose.arrays, predicted.information, self.rest, information)
-
-    def _rest_information(self, predicted: Prediction) -> Array:
-        """Information (6,) of the animation about rest, reweighted by that of the last frame."""
-        s = self.settings
-        turned = turn_squared(predicted.pose.R, self.R_first) / math.sin(math.radians(s.rest_turn_deg)) ** 2
-        moved = (predicted.last.animation - self.rest) / s.rest_within
-        information: Array = kernels.student_information(self.rest_information, moved, self.firmness, 1 + turned)
-        return information

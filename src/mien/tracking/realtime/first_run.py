@@ -1,0 +1,166 @@
+"""A shorter first run: two processes compile the kernels.
+
+Compiled kernels are cached on disk. The first time, most of the wait is for `kernels.solve`, whose compilation needs
+nothing of the video: a background process compiles it, while this one detects and learns the face and compiles the
+rest. Where that fails, every kernel is compiled here when it is first called.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+import weakref
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import typeof
+from numpy.typing import NDArray
+
+from mien.appearance import crop, descriptors
+from mien.compiled import is_cached
+from mien.processes import available_processors
+from mien.tracking.realtime import (
+    definite,
+    eyes,
+    kernels,
+    level,
+    motion,
+    patch_history,
+    person,
+    pose_geometry,
+    shape,
+    uncertainty,
+)
+from mien.tracking.realtime.kernels import AppearanceArrays, PriorArrays
+from mien.tracking.realtime.motion import Template
+from mien.tracking.realtime.posterior import PosePosterior
+
+_PATIENCE_S = 120
+_PROGRAM = "from mien.tracking.realtime import first_run; first_run.compile_in_background()"
+
+
+def _array(dimensions: int, entry: type = np.float64) -> NDArray[Any]:
+    """An example of an argument: kernels are compiled for the type of its entries and the number of its dimensions."""
+    return np.zeros((1,) * dimensions, entry)
+
+
+def _single(dimensions: int) -> NDArray[Any]:
+    return _array(dimensions, np.float32)
+
+
+_POSE = _array(2), _array(1), _array(1)
+_PERSON = _array(2), _array(3)
+_VIEW = _array(1), _array(2), _array(1), _array(2)
+_PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
+_APPEARANCE = AppearanceArrays(
+    coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), inverse_floor=_single(1),
+    limit=_array(1), variance=_array(2),
+)  # fmt: skip
+_SAMPLING = (1, 0.0, 0.0, 0.0)
+_PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW)
+_TEMPLATE = Template(_single(2), _array(1), _single(3), _array(3), _array(3))
+_PATCHES = (_single(2), _array(1), _array(1))
+_SEEN = _array(1, np.bool_)
+_POINT = (0.0, 0.0)
+
+Kernel = tuple[Any, tuple[Any, ...]]
+"""A kernel, and examples of what tracking calls it with."""
+POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
+SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.buffers(1))
+_IN_BACKGROUND: tuple[Kernel, ...] = (
+    (descriptors._describe, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
+    POLYNOMIAL,
+    SOLVE,
+    (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
+    (definite._inverse, (_array(2),)),
+    (level._nearest, (_array(1), 0.0)),
+    (level._bilinear_lookup, (_single(3), _array(2), _array(1))),
+)
+"""What the other process compiles, first what the solver shares with the learning of the face."""
+_IN_FOREGROUND: tuple[Kernel, ...] = (
+    (crop._resample, (_array(2, np.uint8), _POINT, _POINT, _single(2))),
+    (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
+    (motion.align,
+     (_single(2), _PERSON, _array(3), _TEMPLATE, _array(1), _PRIOR, _VIEW, 0.0, _array(1), 1, 0.0)),
+    (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
+    (eyes._closing_moments, (_array(2), 0.0)),
+    (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, 0.0)),
+    (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
+    (pose_geometry.in_camera, (_PERSON, _POSE)),
+    (kernels.misplacement_variance, (_array(2), _array(3), _array(1))),
+    (kernels.squared_misplacement, (_array(3), _array(2), 0.0)),
+    (kernels.student_information, (*[_array(1)] * 3, 0.0)),
+    (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
+    (person._update_average, (_array(2), 1, _array(1), _SEEN, 0.0, 0.0)),
+    (uncertainty._total_covariance, (0.0, _array(2), 0.0, _array(2), _array(1))),
+)  # fmt: skip
+"""What this process compiles meanwhile, once it has learned the face; the remaining kernels compile quickly."""
+
+
+def compile_in_background() -> None:
+    """The work of the background process."""
+    gc.disable()  # it would take a tenth of the time of a process that ends soon
+    for kernel in _IN_BACKGROUND:
+        _compile(kernel)
+
+
+def load_cached() -> None:
+    """Load the kernels that are cached on disk, if they are."""
+    if is_cached(kernels.solve):
+        for kernel in (*_IN_BACKGROUND, *_IN_FOREGROUND):
+            _compile(kernel)
+
+
+class BackgroundCompilation:
+    """Compilation of what takes longest in another process, which begins with this object, unless the kernels are
+    cached or there is one processor only. That process ends with this object, or with this process."""
+
+    def __init__(self) -> None:
+        self.helper = None if is_cached(kernels.solve) or available_processors() < 2 else _start()
+        if self.helper is not None:
+            weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
+
+    def finish(self) -> None:
+        """Compile the other kernels that a frame needs here, and wait for the background process."""
+        if self.helper is None:
+            return
+        for kernel in _IN_FOREGROUND:
+            _compile(kernel)
+        with suppress(subprocess.TimeoutExpired):
+            self.helper.wait(_PATIENCE_S)
+        _stop(self.helper)
+        self.helper = None
+
+
+def _compile(kernel: Kernel) -> None:
+    """Compile a kernel for the types that tracking calls it with, or load it from disk."""
+    function, examples = kernel
+    function.compile(_signature(examples))
+
+
+def _signature(examples: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple(typeof(example) for example in examples)
+
+
+def _stop(helper: subprocess.Popen[bytes]) -> None:
+    if helper.poll() is None:
+        helper.kill()
+        helper.wait()
+
+
+def _start() -> subprocess.Popen[bytes] | None:
+    """A background Python that finds its modules where this one does; None where none can be started."""
+    if not sys.executable or getattr(sys, "frozen", False):
+        return None
+    path = os.pathsep.join(str(Path(p).resolve()) for p in sys.path)
+    with suppress(OSError):
+        return subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM],
+            env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"},
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+    return None

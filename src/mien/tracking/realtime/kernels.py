@@ -1,0 +1,349 @@
+"""The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mien.appearance.descriptors import _describe
+from mien.arrays import Array, Float32
+from mien.compiled import kernel
+from mien.tracking.realtime.definite import solve_positive, transposed_product
+from mien.tracking.realtime.pose_geometry import (
+    STATE_SIZE,
+    PoseArrays,
+    angles_along_ray,
+    displacement,
+    project,
+    step_back,
+    step_between,
+)
+
+DEGREE = 4
+POLYNOMIAL_TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
+
+
+class AppearanceArrays(NamedTuple):
+    """What n landmarks are expected to look like, by tilt and pan.
+
+    coefficients (n, 15, 128): of the mean descriptor, see `polynomial`; limit (2,): of tilt and pan, radians;
+    offset (n, 128): added to the mean by adaptation; U (n, k, 128), gain (n, k), inverse_floor (n,): the metric, see
+    `linearize_landmarks`; variance (n, 4): of the systematic error, see `marginalize_misplacement`.
+    """
+
+    coefficients: Float32
+    offset: Float32
+    U: Float32
+    gain: Float32
+    inverse_floor: Float32
+    limit: Array
+    variance: Array
+
+
+class PriorArrays(NamedTuple):
+    """The prior of Eq. (9): a predicted pose and the information (12, 12) of a step away from it; the rest of the
+    animation (6,) and the information (6,) of each unit about it."""
+
+    pose: PoseArrays
+    information: Array
+    rest: Array
+    rest_information: Array
+
+
+class Linearization(NamedTuple):
+    """Eq. (9) about a pose.
+
+    Of each of n landmarks: residual (n, 128), observed less expected descriptor; M (n, 4, 4), g (n, 4) and d2 (n,),
+    information, gradient and squared distance by [u, v, tilt, pan]; B (n, 4, 12), derivative of those four by the pose
+    step; w (n,), robust weight. Of all: H (12, 12), Gauss-Newton matrix, and G (12,), gradient of half the energy.
+    """
+
+    residual: Float32
+    M: Array
+    g: Array
+    d2: Array
+    B: Array
+    w: Array
+    H: Array
+    G: Array
+
+
+@kernel()
+def polynomial(tilt: float, pan: float, limit: Any) -> Any:
+    """Terms (3, 15) of the quartic in tilt and pan (radians) and their derivatives by both; constant beyond the limits
+    (2,)."""
+    out = np.empty((3, POLYNOMIAL_TERMS), np.float32)
+    x, y = min(max(tilt / limit[0], -1.0), 1.0), min(max(pan / limit[1], -1.0), 1.0)
+    dx = 1.0 / limit[0] if abs(tilt) < limit[0] else 0.0
+    dy = 1.0 / limit[1] if abs(pan) < limit[1] else 0.0
+    xs, ys = np.empty(DEGREE + 1), np.empty(DEGREE + 1)  # powers
+    xs[0], ys[0] = 1.0, 1.0
+    for k in range(DEGREE):
+        xs[k + 1], ys[k + 1] = x * xs[k], y * ys[k]
+    k = 0
+    for degree in range(DEGREE + 1):
+        for j in range(degree + 1):
+            i = degree - j
+            out[0, k] = xs[i] * ys[j]
+            out[1, k] = i * xs[i - 1] * ys[j] * dx  # where i is 0 the power before does not matter
+            out[2, k] = j * xs[i] * ys[j - 1] * dy
+            k += 1
+    return out
+
+
+@kernel()
+def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms: Any, active: Any, at: Any) -> None:
+    """Squared distance of every active landmark at q (n, 2), and its derivatives by [u, v, tilt, pan] of the crop.
+
+    Fills residual, M, g and d2 of a `Linearization`, in the metric `I inverse_floor + U^T diag(gain) U`. terms (3, 15):
+    see `polynomial`.
+    """
+    coefficients, U, gain = appearance.coefficients, appearance.U, appearance.gain
+    offset, inverse_floor = appearance.offset, appearance.inverse_floor
+    residuals, M, g, d2 = at.residual, at.M, at.g, at.d2
+    n, rank = q.shape[0], U.shape[1]
+    J = np.empty((1, 2, 128), np.float32)
+    D = np.empty((5, 128), np.float32)  # residual, then its derivatives by u, v, tilt, pan
+    residual, by_u, by_v, by_tilt, by_pan = D[0], D[1], D[2], D[3], D[4]
+    V = np.empty((5, rank), np.float32)
+    for i in range(n):
+        if active[i] <= 0.0:
+            continue
+        _describe(maps, q[i : i + 1], sampling, D[:1], J)
+        for c in range(128):
+            residual[c] -= offset[i, c]
+            by_u[c] = J[0, 0, c]
+            by_v[c] = J[0, 1, c]
+            by_tilt[c] = 0.0
+            by_pan[c] = 0.0
+        for p in range(0, POLYNOMIAL_TERMS, 3):  # three at a time, as most of the time goes to fetching them
+            first, second, third, T = coefficients[i, p], coefficients[i, p + 1], coefficients[i, p + 2], terms[:, p:]
+            for c in range(128):
+                residual[c] -= T[0, 0] * first[c] + T[0, 1] * second[c] + T[0, 2] * third[c]
+                by_tilt[c] -= T[1, 0] * first[c] + T[1, 1] * second[c] + T[1, 2] * third[c]
+                by_pan[c] -= T[2, 0] * first[c] + T[2, 1] * second[c] + T[2, 2] * third[c]
+        for c in range(128):
+            residuals[i, c] = residual[c]
+        for k in range(rank):
+            v0 = v1 = v2 = v3 = v4 = np.float32(0.0)
+            for c in range(128):
+                u = U[i, k, c]
+                v0 += u * residual[c]
+                v1 += u * by_u[c]
+                v2 += u * by_v[c]
+                v3 += u * by_tilt[c]
+                v4 += u * by_pan[c]
+            V[0, k], V[1, k], V[2, k], V[3, k], V[4, k] = v0, v1, v2, v3, v4
+        for a in range(5):
+            for b in range(a, 5):
+                s = np.float32(0.0)
+                for c in range(128):
+                    s += D[a, c] * D[b, c]
+                s *= inverse_floor[i]
+                for k in range(rank):
+                    s += gain[i, k] * V[a, k] * V[b, k]
+                if a == 0:
+                    if b == 0:
+                        d2[i] = s
+                    else:
+                        g[i, b - 1] = s
+                else:
+                    M[i, a - 1, b - 1] = s
+                    M[i, b - 1, a - 1] = s
+
+
+@kernel()
+def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
+    """Marginalise a systematic error of one landmark: changes M and g, returns the new d2.
+
+    variance (4,): of the error in [u, v, tilt, pan]. With P = diag(1 / variance) and A = (M + P)^-1 the quadratic form
+    of the landmark becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
+    """
+    # Cholesky factor L of M + P, then X = L^-1 [M, g], so that M A M = X^T X.
+    L = np.empty((4, 4))
+    X = np.empty((4, 5))
+    for i in range(4):
+        for j in range(i + 1):
+            s = M[i, j] + (1.0 / variance[i] if i == j else 0.0)
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(s, 1e-12)) if i == j else s / L[j, j]
+        for c in range(5):
+            s = M[i, c] if c < 4 else g[i]
+            for k in range(i):
+                s -= L[i, k] * X[k, c]
+            X[i, c] = s / L[i, i]
+    for i in range(4):
+        d2 -= X[i, 4] * X[i, 4]
+        for k in range(4):
+            g[i] -= X[k, i] * X[k, 4]
+            for j in range(4):
+                M[i, j] -= X[k, i] * X[k, j]
+    return max(d2, 0.0)
+
+
+@kernel()
+def misplacement_variance(variance: Any, units: Any, error: Any) -> Any:
+    """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, an error (6,) of
+    the animation, in pixels per unit of length, adds its part in u and v."""
+    out = variance.copy()
+    for i in range(out.shape[0]):
+        x, y, z = displacement(i, units, error)
+        squared = x * x + y * y + z * z
+        out[i, 0] += squared
+        out[i, 1] += squared
+    return out
+
+
+@kernel()
+def squared_misplacement(M: Any, g: Any, most: float) -> Any:
+    """Mean square (n,) per axis of the step in the crop that each landmark alone would take; see `Solution`."""
+    out = np.empty(g.shape[0])
+    for i in range(out.size):
+        a, b, c = M[i, 0, 0] + 1e-6, M[i, 0, 1], M[i, 1, 1] + 1e-6
+        determinant = a * c - b * b
+        u, v = (b * g[i, 1] - c * g[i, 0]) / determinant, (b * g[i, 0] - a * g[i, 1]) / determinant
+        out[i] = 0.5 * (min(u * u, most * most) + min(v * v, most * most))
+    return out
+
+
+@kernel(inline="always")
+def insert(value: float, ordered: Any, count: int) -> None:
+    """Insert a value among the first `count` entries of an ordered array, which has room for it."""
+    k = count
+    while k > 0 and ordered[k - 1] > value:
+        ordered[k] = ordered[k - 1]
+        k -= 1
+    ordered[k] = value
+
+
+@kernel()
+def student_information(information: Any, moved: Any, firmness: Any, factor: float) -> Any:
+    """Information (6,) of the animation about its rest, with the tails of Student's t: `information` times `1 +
+    firmness` at rest, of which the firmness has halved where an entry of moved (6,) is 1; all that times `factor`."""
+    out = np.empty(information.size)
+    for k in range(out.size):
+        out[k] = factor * information[k] * (1 + firmness[k] / (1 + moved[k] * moved[k]))
+    return out
+
+
+@kernel()
+def add_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
+    """The part of the prior in Eq. (9): returns its energy, and sets H (12, 12) and G (12,) to its derivatives."""
+    information, rest_information = prior.information, prior.rest_information
+    step = step_between(*prior.pose, *pose)
+    energy = 0.0
+    for r in range(STATE_SIZE):
+        G[r] = 0.0
+        for c in range(STATE_SIZE):  # entry by entry: an assignment of whole arrays takes seconds to compile
+            H[r, c] = information[r, c]
+            G[r] += information[r, c] * step[c]
+        energy += G[r] * step[r]
+    for k in range(6):
+        from_rest = pose[2][k] - prior.rest[k]
+        H[6 + k, 6 + k] += rest_information[k]
+        G[6 + k] += rest_information[k] * from_rest
+        energy += rest_information[k] * from_rest * from_rest
+    return energy
+
+
+@kernel()
+def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
+    """Add w B^T M B of one landmark to the upper triangle of H (12, 12), and its w B^T g to G (12,). Returns M B."""
+    MB = transposed_product(M, B)  # M is symmetric
+    for r in range(STATE_SIZE):
+        for k in range(4 if r < 3 else 2):  # the angles depend on the rotation alone
+            x = w * B[k, r]
+            G[r] += x * g[k]
+            for c in range(r, STATE_SIZE):
+                H[r, c] += x * MB[k, c]
+    return MB
+
+
+@kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
+def evaluate(pose: Any, problem: Any, at: Any) -> Any:
+    """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
+    active, scale, appearance, ray = problem.active, problem.scale, problem.appearance, problem.geometry[3]
+    q, J = project(problem.person, pose, problem.geometry)
+    tilt, pan, by_ray = angles_along_ray(ray, pose[0])
+    J_angles = np.empty((2, 3))  # by a rotation vector in camera axes
+    for k in range(2):
+        for r in range(3):
+            J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
+    terms = polynomial(tilt, pan, appearance.limit)
+    linearize_landmarks(problem.maps, problem.sampling, q, appearance, terms, active, at)
+    _, M, g, d2, B, w, H, G = at
+    energy = add_prior(pose, problem.prior, H, G)
+    for i in range(q.shape[0]):
+        w[i] = 0.0
+        if active[i] <= 0.0:
+            continue
+        d2[i] = marginalize_misplacement(M[i], g[i], d2[i], appearance.variance[i])
+        # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
+        ratio = scale[i] / (scale[i] + d2[i])
+        energy += active[i] * d2[i] * ratio
+        w[i] = active[i] * ratio * ratio
+        for k in range(2):
+            for r in range(STATE_SIZE):
+                B[i, k, r] = J[i, k, r]
+            for r in range(3):
+                B[i, 2 + k, r] = J_angles[k, r]
+        add_landmark(M[i], g[i], B[i], w[i], H, G)
+    for r in range(STATE_SIZE):
+        for c in range(r):
+            H[r, c] = H[c, r]
+    return energy
+
+
+def buffers(n: int) -> Linearization:
+    """Two linearisations of n landmarks for `solve`, zero for those that take no part, with one more dimension: of the
+    lowest point so far, and of the next one."""
+
+    return Linearization(
+        np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
+        np.zeros((2, n, 4, STATE_SIZE)), np.zeros((2, n)),
+        np.zeros((2, STATE_SIZE, STATE_SIZE)), np.zeros((2, STATE_SIZE)),
+    )  # fmt: skip
+
+
+@kernel(inline="always")
+def one_of(k: int, b: Any) -> Any:
+    """Linearisation k of `buffers`."""
+    return Linearization(b.residual[k], b.M[k], b.g[k], b.d2[k], b.B[k], b.w[k], b.H[k], b.G[k])
+
+
+@kernel()
+def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: Any) -> Any:
+    """Levenberg-Marquardt on Eq. (9), a `PosePosterior`, from a pose; the set of active landmarks is frozen.
+
+    Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns the
+    pose, energy and index in the buffers of the lowest point evaluated, and the number of evaluations.
+    """
+    lowest, free = 0, 1
+    energy, damping = np.inf, 1e-3
+    pose, best = start, start
+    evaluations = 0
+    while evaluations < iterations:
+        here = evaluate(pose, problem, one_of(free, buffers))
+        evaluations += 1
+        if here < energy:
+            energy, best = here, pose
+            lowest, free = free, lowest
+            damping *= 0.2
+        else:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+        A, G = buffers.H[lowest].copy(), buffers.G[lowest]
+        for k in range(STATE_SIZE):
+            A[k, k] *= 1.0 + damping
+        step = solve_positive(A, G)
+        pose = step_back(best, step)
+        gain = 0.0  # that the quadratic model promises
+        for k in range(STATE_SIZE):
+            gain += G[k] * step[k]
+        if gain < tolerance:
+            best = pose
+            break
+    return best, energy, lowest, evaluations

@@ -1,0 +1,222 @@
+"""Training of the real-time tracker: from the first frame to the appearance of its landmarks by pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from mien.appearance.crop import blurred
+from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
+from mien.appearance.eyes import close_eye, turn_eye
+from mien.appearance.regression import PoseRegression
+from mien.appearance.rendering import Texture, render, vertex_normals
+from mien.appearance.surface import Surface, face_surface, on_surface
+from mien.appearance.texture import texture_of_vertices
+from mien.appearance.views import CENTRE, rotation
+from mien.arrays import Array, Float32, Pixels
+from mien.config import DescriptorSettings, RealtimeSettings
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.tracking.realtime import kernels, pose_geometry
+from mien.tracking.realtime.level import Level
+
+CROP_UNITS = 1.75
+"""Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
+_EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
+_EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
+"""What the eyes do in the views that show them moved, in turn: half closed, shut, looking to either side."""
+_EYE_VIEWS = 4
+_CLEAR = 0.5
+"""Depth behind the face's own surface, as a share of the depth at which a landmark is hidden, beyond which a view
+teaches nothing of it."""
+_LIT_VIEWS = 2
+"""One view in so many is rendered in another light, too. Light goes into the covariance, not into the mean: with a
+random light in each view, the mean would be as random."""
+_CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
+"""Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
+
+
+@dataclass(frozen=True)
+class LearnedFace:
+    """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
+    relative to it, in head axes; the coarse and the fine level."""
+
+    neutral: Array
+    normals: Array
+    patches: Array
+    coarse: Level
+    fine: Level
+
+
+def learn_face(
+    frame: Frame, landmarks: Landmarks, fit: FirstFrame, camera: Camera, vertices: list[int], settings: RealtimeSettings
+) -> LearnedFace:
+    """Render the first frame's face from a grid of tilts and pans and regress the descriptors on them."""
+    surface = face_surface(landmarks, fit, camera)
+    points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
+    normals = _normals_at(points, surface, camera) @ fit.R
+    part, near = _cut_out(frame, surface, camera)
+    pixels = near.project(points)[0]
+    eyes = tuple(_with_eyes(part, pixels, draw, share) for draw, share in _EYES)
+    background = float(frame.gray.mean())
+    posed = _PosedFace(part, eyes, background, surface, (points - fit.t) @ fit.R, normals, fit, near)
+    coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
+    neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
+    patches = (_patches_on(surface, points, fit, camera, settings) - points[:, None]) @ fit.R
+    return LearnedFace(neutral, normals, np.ascontiguousarray(patches), coarse, fine)
+
+
+@dataclass(frozen=True)
+class _PosedFace:
+    """The face of the first frame: points and normals (n, 3) in head axes; the part of the frame that shows it, as it
+    is and with the eyes moved as `_EYES` says, its camera, and the grey value behind it."""
+
+    frame: Frame
+    eyes: tuple[Frame, ...]
+    background: float
+    surface: Surface
+    points: Array
+    normals: Array
+    fit: FirstFrame
+    camera: Camera
+
+
+class _ViewRenderer:
+    """Renders the face of the first frame at the resolution of a level, and describes its landmarks.
+
+    texture, moved_eyes: the textures of the frame as it is, and with the eyes as `_EYES` says; camera: sees the head on
+    its optical axis, since what a view shows depends on the ray to the head, and not on its position.
+    """
+
+    def __init__(self, face: _PosedFace, descriptor: DescriptorSettings) -> None:
+        fit, d = face.fit, descriptor
+        self.face, self.descriptor, self.distance = face, d, float(fit.t[2])
+        frames = (face.frame, *face.eyes)
+        self.texture, *self.moved_eyes = (_texture(face, frame, d.pixels_per_unit) for frame in frames)
+        self.head = (face.surface.vertices - fit.t) @ fit.R
+        self.normals = vertex_normals(self.head, face.surface.triangles)
+        self.size = round(CROP_UNITS * d.pixels_per_unit)
+        self.camera = Camera.centred(d.pixels_per_unit * self.distance, self.size, self.size)
+
+    def posed(self, R: Array) -> tuple[Array, Array]:
+        """Surface (V, 3) and landmarks (n, 3) in camera axes at a rotation R (3, 3)."""
+        t = np.array([0, 0, self.distance]) - R @ CENTRE
+        return self.head @ R.T + t, self.face.points @ R.T + t
+
+    def describe(
+        self, posed: tuple[Array, Array], texture: Texture, light: Array | None = None
+    ) -> tuple[Float32, Float32]:
+        """Descriptors (n, 128) of the landmarks in a view, and its depth image; light (V,): see `render`."""
+        d, face, size, (vertices, points) = self.descriptor, self.face, self.size, posed
+        drawn = render(vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
+        maps = orientation_maps(blurred(drawn.image[:, :, 0], d.blur), d.cell)
+        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
+        return describe_with_jacobian(maps, self.camera.project(points)[0], d.cell, d.root)[0], drawn.depth
+
+    def weight(self, points: Array, R: Array, behind: Array, s: RealtimeSettings) -> Array:
+        """How much a view teaches of each landmark (n,): nothing where it is hidden, little where it is seen edge-on.
+        behind: (n,) see `_depth_behind`."""
+        normals = self.face.normals
+        facing = pose_geometry.facing_camera(
+            points, normals, R, self.camera.vector, self.size, self.size, s.hidden_cosine
+        )
+        cosine = -np.sum(normals @ R.T * points, axis=1) / np.linalg.norm(points, axis=1)
+        clear = facing & (behind < _CLEAR * s.hidden_depth)
+        return np.asarray(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(cosine, 0) ** 2))
+
+
+def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
+    """Render the views, and regress the descriptors on tilt and pan."""
+    renderer, rng = _ViewRenderer(face, descriptor), np.random.default_rng(0)
+    limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
+    evenly = np.linspace(-1, 1, s.views_per_angle)
+    angles = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
+    views, eyes, lights = [], [], []
+    for k, (tilt, pan) in enumerate(product(*angles)):
+        R = rotation(tilt, pan, 0.0)
+        posed = renderer.posed(R)
+        seen, depth = renderer.describe(posed, renderer.texture)
+        if k % _EYE_VIEWS == 0:
+            texture = renderer.moved_eyes[k // _EYE_VIEWS % len(_EYES)]
+            eyes.append(renderer.describe(posed, texture)[0] - seen)
+        if k % _LIT_VIEWS == 0:
+            light = random_light(renderer.normals @ R.T, s.light_contrast, rng)
+            lights.append(renderer.describe(posed, renderer.texture, light)[0] - seen)
+        behind = _depth_behind(posed[1], depth, renderer.camera)
+        views.append((seen, kernels.polynomial(tilt, pan, limit)[0], renderer.weight(posed[1], R, behind, s), behind))
+    samples, terms, weight, behind = (np.array(part) for part in zip(*views, strict=True))
+    shares = ((eyes, s.eye_share), (lights, 1.0))
+    changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
+    appearance = PoseRegression.learn(samples, terms, weight, limit, s.floor, s.rank, np.concatenate(changes))
+    moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
+    grid = behind.reshape(len(evenly), len(evenly), -1).astype(np.float32)
+    return Level(descriptor, renderer.size, appearance, moved_eyes, angles, grid)
+
+
+def _depth_behind(points: Array, depth: Float32, camera: Camera) -> Array:
+    """How far (n,) points (n, 3) in camera axes lie behind a surface with this depth image (H, W); minus infinity where
+    there is no surface."""
+    last = np.array(depth.shape[::-1]) - 1
+    x, y = np.clip(np.round(camera.project(points)[0]), 0, last).astype(int).T
+    return np.asarray(points[:, 2] - depth[y, x])
+
+
+def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Camera]:
+    """The part of a frame that shows the surface, and its camera, so that the cost of training depends on the face
+    alone."""
+    pixels, size = camera.project(surface.vertices)[0], np.array([frame.width, frame.height])
+    x0, y0 = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, size - 1)
+    x1, y1 = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 1, size)
+    gray = frame.gray_part(slice(y0, y1), slice(x0, x1))  # the same grey as will be tracked, also where eyes are drawn
+    part = Frame(np.repeat(gray[:, :, None], 3, axis=2), frame.index, frame.time)
+    return part, replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
+
+
+def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
+    """The surface textured with the first frame, or with a picture made from it."""
+    return texture_of_vertices(frame, face.surface.vertices, float(face.fit.t[2]), face.camera, pixels_per_unit)
+
+
+def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: float) -> Frame:
+    """The frame with both eyes, at the landmarks' image points (n, 2), closed or turned to the right of the image."""
+    pixels = frame.pixels
+    for side in ("right", "left"):
+        outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in _EYE)
+        corners = [outer, inner] if side == "right" else [inner, outer]
+        pixels = draw(pixels, np.array(corners), np.array([upper, lower]), share)
+    return Frame(pixels, frame.index, frame.time)
+
+
+def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:
+    """Grids (n, m, 3) of points on the surface around points (n, 3), camera axes, regular in the first frame's
+    image."""
+    side = np.linspace(-1, 1, settings.motion_grid) * camera.focal_px / fit.t[2]
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    half = np.full(len(points), settings.motion_patch)
+    half[_CORNERS] = settings.motion_corner
+    pixels = camera.project(points)[0][:, None] + grid * half[:, None, None]
+    grids = np.ones((*pixels.shape[:2], 3))
+    grids[..., :2] = (pixels - [camera.cx, camera.cy]) / camera.focal_px
+    grids *= points[:, None, 2:]
+    return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)
+
+
+def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> Array:
+    """Brightness (V,) of a matt surface with normals (V, 3) in camera axes, lit from a random direction."""
+    direction = np.append(rng.standard_normal(2), 0.0)
+    direction *= contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)
+    return np.asarray(np.exp(normals @ direction))
+
+
+def _normals_at(points: Array, surface: Surface, camera: Camera) -> Array:
+    """Normals (n, 3) in camera axes at the vertices of the face that are nearest to the points in the image."""
+    face = surface.vertices[: surface.face]
+    normals = vertex_normals(surface.vertices, surface.triangles)[: surface.face]
+    p, q = camera.project(face)[0], camera.project(points)[0]
+    return np.asarray(normals[((q[:, None] - p[None]) ** 2).sum(axis=2).argmin(axis=1)])

@@ -1,0 +1,279 @@
+"""The motion since the last frame, measured by direct alignment of the patches that the last frame showed.
+
+Descriptors locate the face to a fifth of a degree, with an error that differs from frame to frame. The pixels measure
+the motion since the last frame to a fraction of that, but the errors of such measurements add up. Eq. (4) takes the
+state to stay where it was; here it moves with the pixels, and Psi is the uncertainty of that motion: the descriptors
+correct the sum of the motions, and the motions remove the noise of the descriptors. Nothing is delayed, since a motion
+is measured in the frame in which it happens.
+
+After B. Lucas and T. Kanade, An iterative image registration technique, IJCAI 1981, with the warp that the pose makes
+(S. Baker and I. Matthews, Lucas-Kanade 20 years on, IJCV 56, 2004), gradients of the last frame, and the brightness and
+contrast of each patch left free.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mien.arrays import Array, Float32, Mask
+from mien.candide.model import MOVES_MOUTH
+from mien.compiled import kernel
+from mien.config import RealtimeSettings
+from mien.tracking.prior import JAW_DROP
+from mien.tracking.realtime.definite import inverse_definite, solve_positive
+from mien.tracking.realtime.kernels import PriorArrays, add_prior
+from mien.tracking.realtime.pose_geometry import (
+    STATE_SIZE,
+    PersonArrays,
+    PoseArrays,
+    ViewArrays,
+    gradient_by_pose,
+    landmark,
+    project_to_crop,
+    projection_of,
+    rotated,
+    step_back,
+)
+
+_RIGID = 6
+"""Entries of a pose step that rotate and translate the head, before those of the animation."""
+_HELD = 1e12
+"""Information that keeps an entry of a pose step at zero."""
+_LEAST_GREY = 1.0
+"""Grey values: a smaller residual is due to chance."""
+
+
+class Template(NamedTuple):
+    """Patches of n landmarks, m points each, in one frame.
+
+    values (n, m), less their mean, and norms (n,) of these; J (n, 6, m), derivatives by rotation and translation, less
+    their mean; JJ (n, 12, 12), sums of the products of the derivatives by the whole pose step; units (n, 6, 3), the
+    displacements by the animation units in camera axes.
+    """
+
+    values: Float32
+    norms: Array
+    J: Float32
+    JJ: Array
+    units: Array
+
+
+class Motion:
+    """The patches around the landmarks in the last frame, and their alignment with the next. weight: (n,) how far each
+    patch counts in the next measurement."""
+
+    def __init__(self, patches: Array, mouth: Mask, settings: RealtimeSettings) -> None:
+        """patches: (n, m, 3) points around each landmark, relative to it, head axes; mouth: (n,) which of them are on
+        the mouth."""
+        self.settings = settings
+        self.patches = np.ascontiguousarray(np.swapaxes(patches, 1, 2))  # by coordinate: read several points at a time
+        floor = np.repeat(
+            [math.radians(settings.motion_rotation_deg), settings.motion_translation, settings.motion_animation],
+            [3, 3, 6],
+        )
+        floor[6 + JAW_DROP] = settings.prior_jaw  # a mouth that opens shows what the last frame did not
+        self.least_drift = floor**2
+        self.template: Template | None = None
+        self.weight = np.zeros(len(patches))
+        self.mouth = mouth
+        self.held = np.diag(np.append(np.full(_RIGID, _HELD), np.where(MOVES_MOUTH, 0.0, _HELD)))
+
+    def remember(
+        self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays
+    ) -> tuple[Float32, Array]:
+        """Take the patches from a crop in which the face is at a pose; returns their values (n, m) less their mean, and
+        norms (n,)."""
+        self.template = Template(*extract_patches(image, person, self.patches, pose, view))
+        return self.template.values, self.template.norms
+
+    def measure(
+        self, image: Float32, person: PersonArrays, prior: PriorArrays, view: ViewArrays
+    ) -> tuple[PoseArrays, Array]:
+        """The pose at which a crop shows the patches best, and the covariance (12, 12) of a step from it, in units of
+        the energy of Eq. (9).
+
+        The head's motion is that of most patches. A mouth moves differently, and is an outlier among them: its units
+        are aligned once more with the head held, and each of its patches compared with its own contrast."""
+        s = self.settings
+        assert self.template is not None, "the last frame is remembered before a motion is measured"
+        contrast = self.template.norms**2 / self.patches.shape[2]
+        (R, t, a), information = align(
+            image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
+            np.zeros_like(contrast), s.motion_iterations, s.motion_tolerance,
+        )  # fmt: skip
+        held = prior._replace(pose=(R, t, a), information=prior.information + self.held)
+        (_, _, a), _ = align(
+            image, person, self.patches, self.template, self.weight * self.mouth, held, view, s.motion_robust_factor,
+            s.motion_mouth_share**2 * contrast, s.motion_iterations, s.motion_tolerance,
+        )  # fmt: skip
+        covariance = inverse_definite(information / s.motion_noise + prior.information)
+        return (R, t, a), covariance
+
+    def drift(self, step: Array) -> Array:
+        """Variances (12,) of the systematic error of a measured step (12,): a share of the step, and a constant."""
+        s = step.tolist()
+        turned, moved = math.hypot(*s[:3]), math.hypot(*s[3:6])
+        length = np.array([turned, turned, turned, moved, moved, moved, *s[6:]])
+        return np.asarray(self.least_drift + self.settings.motion_share**2 * length * length)
+
+
+@kernel()
+def _bilinear(image: Any, x: float, y: float) -> Any:
+    """Bilinear value of an image at a point, and its derivatives by the point; beyond the border the border repeats."""
+    height, width = image.shape
+    x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
+    ix, iy = int(x), int(y)
+    fx, fy = np.float32(x - ix), np.float32(y - iy)
+    a, b, c, d = image[iy, ix], image[iy, ix + 1], image[iy + 1, ix], image[iy + 1, ix + 1]
+    upper, lower = a + fx * (b - a), c + fx * (d - c)
+    return upper + fy * (lower - upper), (np.float32(1.0) - fy) * (b - a) + fy * (d - c), lower - upper
+
+
+@kernel(inline="always")  # so that it runs several points at a time
+def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, projection: Any, Y: Any, q: Any) -> None:
+    """The points of patch i: Y (3, m), rotated into camera axes but not translated, and q (2, m), in the crop."""
+    x, y, z = landmark(i, person, a)
+    for j in range(q.shape[1]):
+        here = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
+        Y[0, j], Y[1, j], Y[2, j] = here
+        q[0, j], q[1, j] = project_to_crop(here, t, projection)
+
+
+@kernel()
+def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any) -> Any:
+    """The entries of the `Template` of a face at a pose. patches (n, 3, m): points, relative to their landmarks in the
+    model's axes.
+
+    All points of a patch move alike with the units, so that the derivatives by these are sums of those by translation.
+    """
+    R, t, a = pose
+    units, projection = person[1], projection_of(view)
+    n, m = patches.shape[0], patches.shape[2]
+    values, norms = np.empty((n, m), np.float32), np.empty(n)
+    J, JJ, turned = (
+        np.empty((n, _RIGID, m), np.float32),
+        np.empty((n, STATE_SIZE, STATE_SIZE)),
+        np.empty((n, STATE_SIZE - _RIGID, 3)),
+    )
+    Y, q = np.empty((3, m)), np.empty((2, m))
+    for i in range(n):
+        _place_patch(i, person, patches, R, t, a, projection, Y, q)
+        for j in range(m):
+            values[i, j], q[0, j], q[1, j] = _bilinear(image, q[0, j], q[1, j])
+        for j in range(m):
+            by_pose = gradient_by_pose(q[0, j], q[1, j], (Y[0, j], Y[1, j], Y[2, j]), t, projection)
+            for k in range(_RIGID):
+                J[i, k, j] = by_pose[k]
+        norms[i] = np.sqrt(_center(values[i]))
+        for k in range(_RIGID):
+            _center(J[i, k])
+            for r in range(k + 1):
+                s = np.float32(0.0)
+                for j in range(m):
+                    s += J[i, k, j] * J[i, r, j]
+                JJ[i, k, r] = s
+                JJ[i, r, k] = s
+        for k in range(STATE_SIZE - _RIGID):
+            x, y, z = rotated(R, units[k, i, 0], units[k, i, 1], units[k, i, 2])
+            turned[i, k, 0], turned[i, k, 1], turned[i, k, 2] = x, y, z
+            for r in range(_RIGID + k + 1):
+                s = x * JJ[i, r, 3] + y * JJ[i, r, 4] + z * JJ[i, r, 5]
+                JJ[i, r, _RIGID + k] = s
+                JJ[i, _RIGID + k, r] = s
+    return values, norms, J, JJ, turned
+
+
+@kernel()
+def _center(x: Any) -> Any:
+    """Subtract its mean from an array (m,); returns the sum of squares of the rest."""
+    mean, squared = np.float32(0.0), np.float32(0.0)
+    for j in range(x.size):
+        mean += x[j]
+    mean /= x.size
+    for j in range(x.size):
+        x[j] -= mean
+        squared += x[j] * x[j]
+    return squared
+
+
+@kernel()
+def _compare(patch: Any, values: Any, norm: float) -> Any:
+    """Give a patch (m,) the brightness and contrast of the last frame's and subtract the values seen there; returns the
+    mean square of the residual."""
+    contrast = np.float32(min(max(norm / np.sqrt(_center(patch) + 1e-9), 0.5), 2.0))
+    squared = np.float32(0.0)
+    for j in range(values.size):
+        patch[j] = contrast * patch[j] - values[j]
+        squared += patch[j] * patch[j]
+    return squared / values.size
+
+
+@kernel()
+def align(
+    image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
+    tolerated: Any, iterations: int, tolerance: float,
+) -> Any:  # fmt: skip
+    """Gauss-Newton from the prior's pose, with the derivatives of the last frame, until a step promises a gain below
+    `tolerance`. Returns the pose and the information (12, 12) of the pixels, taken as independent. A patch loses its
+    weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame, and its square
+    that of `tolerated` (n,)."""
+    values, norms, J, JJ, turned = template
+    n, m = values.shape
+    projection = projection_of(view)
+    pose = prior.pose
+    residual, off = np.empty((n, m), np.float32), np.zeros(n)
+    Y, q = np.empty((3, m)), np.empty((2, m))
+    H, G, D, down = (
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty(STATE_SIZE),
+        np.empty((STATE_SIZE, STATE_SIZE)),
+        np.empty(STATE_SIZE),
+    )
+    usual = 1e9  # at first every patch counts
+    for _ in range(iterations):
+        R, t, a = pose
+        total, squared = 1e-9, 0.0
+        for i in range(n):
+            if active[i] > 0.0:
+                _place_patch(i, person, patches, R, t, a, projection, Y, q)
+                for j in range(m):
+                    residual[i, j] = _bilinear(image, q[0, j], q[1, j])[0]
+                off[i] = _compare(residual[i], values[i], norms[i])
+                ratio = 1.0 / (1.0 + off[i] / max(robust * robust * usual, tolerated[i]))
+                total += active[i] * ratio * ratio
+                squared += active[i] * ratio * ratio * off[i]
+        usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
+        add_prior(pose, prior, H, G)
+        for r in range(STATE_SIZE):
+            for c in range(STATE_SIZE):
+                D[r, c] = 0.0
+        for i in range(n):
+            if active[i] <= 0.0:
+                continue
+            ratio = 1.0 / (1.0 + off[i] / max(robust * robust * usual, tolerated[i]))
+            w = active[i] * ratio * ratio / usual
+            for r in range(_RIGID):
+                s = np.float32(0.0)
+                for j in range(m):
+                    s += J[i, r, j] * residual[i, j]
+                down[r] = s
+            for k in range(STATE_SIZE - _RIGID):
+                down[_RIGID + k] = down[3] * turned[i, k, 0] + down[4] * turned[i, k, 1] + down[5] * turned[i, k, 2]
+            for r in range(STATE_SIZE):
+                G[r] += w * down[r]
+                for c in range(STATE_SIZE):
+                    D[r, c] += w * JJ[i, r, c]
+        for r in range(STATE_SIZE):
+            for c in range(STATE_SIZE):
+                H[r, c] += D[r, c]
+        step = solve_positive(H, G)
+        pose = step_back(pose, step)
+        gain = 0.0
+        for k in range(STATE_SIZE):
+            gain += step[k] * G[k]
+        if gain < tolerance:
+            break
+    return pose, D

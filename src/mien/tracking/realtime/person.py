@@ -1,0 +1,222 @@
+"""What is known of a face apart from its pose: learned in the first frame, and refined while it is tracked."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+
+from mien.arrays import Array, Float32, Mask
+from mien.compiled import kernel
+from mien.config import RealtimeSettings
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.initialization.fit import FirstFrame
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.tracking.realtime import kernels, pose_geometry
+from mien.tracking.realtime.adaptation import Adaptation
+from mien.tracking.realtime.eyes import closing_of
+from mien.tracking.realtime.learning import LearnedFace, learn_face
+from mien.tracking.realtime.level import Level
+from mien.tracking.realtime.pose_geometry import PersonArrays
+from mien.tracking.realtime.shape import ShapePosterior, shape_information
+from mien.tracking.realtime.solution import Pose, Solution
+from mien.tracking.state import Closing
+
+_TEMPLES = {"right_temple": 47, "left_temple": 14}
+_ANCHORS = {
+    "right_ear_upper": 62, "left_ear_upper": 29, "right_cheek": 91, "left_cheek": 90, "forehead": 2, **_TEMPLES
+}  # fmt: skip
+TRACKED = {**LANDMARK_VERTICES, **_ANCHORS}
+"""Names and vertices of what is tracked: the landmarks, then anchors, which are not reported. Anchors lie far apart,
+and away from the eyes, which spectacles cover. The positions of the temples are trusted less, since light and hair
+change how they look."""
+JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss")]
+"""Landmarks that the jaw carries."""
+TRUSTED = 0.25
+"""Robust weight above which a landmark looks as it should."""
+_NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
+_LARGEST_MISPLACEMENT = 4.0
+"""Pixels of the crop: what is found further from where the pose puts a landmark is something else."""
+_MOST_LEARNED = 0.7
+"""Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
+the pose errors of the frames that it was learned from."""
+_STEP_INFORMATION = np.repeat([1e-6, 1 / 0.3**2], 6)
+"""Information of the pose step itself where it is marginalised: none of the rigid part, little of the animation."""
+_SAME_PATCH = 0.9
+"""Agreement (see `PatchHistory`) above which a patch has moved with the face."""
+_SPECTACLES_TURN_DEG = (3.0, 14.0)
+"""Turns from the first frame at which spectacles can be told: nearer to it everything looks as it did there, and
+further away everybody's eyes look strange."""
+SPECTACLES = 0.3
+"""`Person.spectacles_evidence` above which the person wears some: it is 0.5 to 1.2 then, otherwise mostly below 0, and
+up to 0.5 where somebody frowns."""
+
+
+class Person:
+    """The shape and the appearance of n landmarks, and how far either is usually wrong.
+
+    neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of the usual
+    appearance; tolerance: (n,) factor of it at which a robust weight is a quarter; variance: (n, 4) of the systematic
+    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; eyes, mouth,
+    indistinct: (n,) which landmarks belong to the eyes, to mouth and chin, whose appearance changes as they move, and
+    which look alike on all faces; spectacles_evidence: logarithm of how much stranger the eyes look than the rest of a
+    turned face, as a ratio of distances.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        landmarks: Landmarks,
+        fit: FirstFrame,
+        camera: Camera,
+        settings: RealtimeSettings,
+        before: Person | None = None,
+    ) -> None:
+        """Learn the face of the first frame. before: the person as an earlier pass over the same frames knew it, whose
+        shape and first appearance are kept."""
+        s, n, vertices = settings, len(TRACKED), list(TRACKED.values())
+        self.settings, self.rest = s, fit.animation
+        self.face: LearnedFace = before.face if before else learn_face(frame, landmarks, fit, camera, vertices, s)
+        face = self.face
+        self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
+        brows = np.array(["brow" in name for name in TRACKED])
+        self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
+        self.mouth = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
+        self.shape: ShapePosterior = (
+            deepcopy(before.shape)
+            if before
+            else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s)
+        )
+        self.neutral = self.shape.mean
+        self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s)
+        self.expected = np.full(n, s.expected_distance)
+        # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
+        self.tolerance = np.full(n, s.robust_factor)
+        self.tolerance[JAW] *= s.jaw_tolerance
+        self.tolerance[_NOSE] *= s.nose_tolerance
+        angle = np.radians(s.appearance_angle_sd_deg)
+        self.temples = np.array([name in _TEMPLES for name in TRACKED])
+        self.least_variance = np.where(self.temples, s.temple_sd, s.location_sd) ** 2
+        self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
+        self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
+
+    @property
+    def arrays(self) -> PersonArrays:
+        """Landmarks and units as the kernels take them."""
+        return self.neutral, self.units
+
+    def in_camera(self, pose: Pose) -> Array:
+        """Landmarks (n, 3) in camera axes."""
+        X: Array = pose_geometry.in_camera(self.arrays, pose.arrays)
+        return X
+
+    def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
+        """How far the eyes have closed. before: the last frame's."""
+        return closing_of(solution.at.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
+
+    def adapted_offset(self, level: Level, pose: Pose) -> Float32:
+        """What adaptation adds to the means (n, 128) of a level at a pose."""
+        adapts = level is self.face.fine and self.adaptation.begun
+        return self.adaptation.offset(pose.angles) if adapts else self.adaptation.nothing
+
+    def learned_share(self, solution: Solution) -> float:
+        """How much of the appearance at a solution was learned in turns: the mean over the landmarks that face the
+        camera."""
+        return _masked_mean(self.adaptation.share(solution.pose.angles), solution.facing)
+
+    def misplacement_variance(self, level: Level, animation: Array) -> Array:
+        """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
+        no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
+        error = self.settings.unit_error * level.descriptor.pixels_per_unit * (animation - self.rest)
+        variance: Array = kernels.misplacement_variance(self.variance, self.units, error)
+        return variance
+
+    def learn(self, solution: Solution, agreement: Array) -> bool:
+        """Learn from a frame in which the face looks familiar; returns whether the shape has changed. agreement: (n,)
+        see `PatchHistory`."""
+        s, w = self.settings, solution.w
+        # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
+        trusted = solution.facing & (w > TRUSTED)
+        _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
+        self._learn_locations(solution)
+        self._learn_eyes(solution, agreement)
+        return s.learn_shape and self._learn_shape(solution)
+
+    def learn_view(self, solution: Solution, agreement: Array) -> None:
+        """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
+        from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""
+        s = self.settings
+        if self._turned_deg(solution) <= s.view_turn_deg:
+            return
+        strange = self._strange(solution, agreement, s.view_strange_distance)
+        if strange.any():
+            self.adaptation.learn_view(solution.pose.angles, solution.at.residual[strange], strange)
+
+    def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
+        """Learn the appearance of eyes that look strange, sooner if the person wears spectacles."""
+        s = self.settings
+        low, high = _SPECTACLES_TURN_DEG
+        if low < self._turned_deg(solution) < high:
+            eyes, others = (solution.misfit_of(solution.facing & of) for of in (self.eyes, ~self.eyes))
+            if 0 < eyes < math.inf and 0 < others < math.inf:
+                self.spectacles_evidence += s.spectacles_rate * (math.log(eyes / others) - self.spectacles_evidence)
+        least = s.strange_distance if self.spectacles_evidence < SPECTACLES else s.spectacles_distance
+        strange = self.eyes & self._strange(solution, agreement, least)
+        if strange.any():
+            self.adaptation.learn_eyes(solution.pose.angles, solution.at.residual[strange], strange)
+
+    def _strange(self, solution: Solution, agreement: Array, least: float) -> Mask:
+        """Landmarks (n,) that have moved with the face and whose distance is beyond `least` times the expected one."""
+        moved_along = solution.facing & (agreement > _SAME_PATCH)
+        return np.asarray(moved_along & (solution.d2 > least * self.expected))
+
+    def _turned_deg(self, solution: Solution) -> float:
+        """Turn of the face away from the first frame's view."""
+        (tilt, pan), (first_tilt, first_pan) = solution.pose.angles.tolist(), self.adaptation.first.tolist()
+        return math.degrees(math.hypot(tilt - first_tilt, pan - first_pan))
+
+    def _learn_locations(self, solution: Solution) -> None:
+        """Trust a landmark less that is often found beside where the pose puts it."""
+        s = self.settings
+        found = solution.facing & (solution.w > 1e-3)
+        variance = self.least_variance + solution.squared_misplacement(_LARGEST_MISPLACEMENT)
+        _update_average(self.variance, 2, variance, found, s.location_rate, 0.0)
+
+    def _learn_shape(self, solution: Solution) -> bool:
+        s, pose = self.settings, solution.pose
+        share = self.adaptation.share(pose.angles)
+        if _masked_mean(share, solution.facing) > _MOST_LEARNED:
+            return False
+        tilt, pan = pose.angles
+        expression = pose.animation - self.rest
+        worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
+        novelty = self.shape.novelty(tilt, pan, worth)
+        if novelty < s.least_novelty:
+            return False
+        regularizer = novelty * _STEP_INFORMATION
+        weight = novelty * solution.w * (1 - share)
+        at = solution.at
+        Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, regularizer)
+        changed = self.shape.add(self.neutral, Lambda, gradient, novelty)
+        self.neutral = self.shape.mean
+        return changed
+
+
+@kernel()
+def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float, least: float) -> None:
+    """Moving average of the first columns of means (n, k) by values (n,), for those that are `of` (n,); never below
+    `least`."""
+    for i in range(values.size):
+        for k in range(columns):
+            if of[i]:
+                means[i, k] += rate * (values[i] - means[i, k])
+            means[i, k] = max(means[i, k], least)
+
+
+def _masked_mean(values: Float32, of: Mask) -> float:
+    """Mean of the values (n,) that are `of` (n,), 0 if there are none."""
+    count = np.count_nonzero(of)
+    return float(values @ of) / count if count else 0.0

@@ -1,0 +1,184 @@
+"""The search for the face in one frame: where it starts, the view it works on, and what it finds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mien.appearance.crop import Crop
+from mien.appearance.descriptors import orientation_maps
+from mien.appearance.views import CENTRE, roll_of
+from mien.arrays import Array, Float32, Mask
+from mien.initialization.landmarks import LANDMARK_NAMES
+from mien.tracking.realtime import kernels, pose_geometry
+from mien.tracking.realtime.definite import inverse_definite
+from mien.tracking.realtime.kernels import Linearization
+from mien.tracking.realtime.level import Level
+from mien.tracking.realtime.pose_geometry import PoseArrays, ViewArrays
+
+_LEAST_LANDMARKS = 6
+
+
+@dataclass(frozen=True)
+class Pose:
+    """State of Eq. (2) with its rotation as a matrix: R (3, 3) and t (3,) from the axes of the fitted model, which
+    differ from the head's (see `HeadAxes`), to the camera's, animation (6,)."""
+
+    R: Array
+    t: Array
+    animation: Array
+
+    def moved(self, step: Array) -> Pose:
+        """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
+        return Pose(pose_geometry.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
+
+    @cached_property
+    def arrays(self) -> PoseArrays:
+        """The pose as the kernels take it."""
+        return np.ascontiguousarray(self.R), self.t, self.animation
+
+    @cached_property
+    def _seen(self) -> tuple[Array, Array]:
+        ray, angles = pose_geometry.viewing_angles(CENTRE, self.arrays[0], self.t)
+        return ray, angles
+
+    @property
+    def ray(self) -> Array:
+        """(3, 3) rotation from the optical axis to the middle of the face."""
+        return self._seen[0]
+
+    @property
+    def angles(self) -> Array:
+        """(2,) tilt and pan in radians of the face as seen along that ray; see `pose_geometry.view_angles`."""
+        return self._seen[1]
+
+    def step_to(self, other: Pose) -> Array:
+        """The step (12,) that leads to another pose, less than half a turn away."""
+        step: Array = pose_geometry.step_between(*self.arrays, *other.arrays)
+        return step
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it. last: pose in the last
+    frame."""
+
+    pose: Pose
+    information: Array
+    last: Pose
+
+
+@dataclass(frozen=True)
+class View:
+    """A frame prepared for `kernels.solve`: the grey crop for a pose, its geometry, and the landmarks that face the
+    camera. upright: the pose at whose roll and scale descriptors are sampled."""
+
+    level: Level
+    pose: Pose
+    upright: Pose
+    crop: Crop
+    image: Float32
+    geometry: ViewArrays
+    facing: Mask
+
+    def upright_at(self, pose: Pose) -> View:
+        """The same view, with descriptors sampled at the roll and scale of a pose."""
+        return View(self.level, self.pose, pose, self.crop, self.image, self.geometry, self.facing)
+
+    def of_landmarks(self, which: Mask) -> View:
+        """The same view of only those landmarks `which` (n,) that face the camera; both share the orientation maps."""
+        view = replace(self, facing=self.facing & which)
+        vars(view)["maps"] = self.maps
+        return view
+
+    @cached_property
+    def maps(self) -> Float32:
+        """Orientation maps of the crop."""
+        return orientation_maps(self.image, self.level.descriptor.cell, self._roll_and_scale[0])
+
+    @property
+    def sampling(self) -> tuple[int, float, float, float]:
+        """How descriptors are sampled from the maps, as the kernels take it."""
+        descriptor = self.level.descriptor
+        return descriptor.cell, descriptor.root, *self._roll_and_scale
+
+    @cached_property
+    def _roll_and_scale(self) -> tuple[float, float]:
+        return self.roll_and_scale(self.upright)
+
+    def roll_and_scale(self, pose: Pose) -> tuple[float, float]:
+        """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at the pose for which it was made."""
+        roll = math.remainder(roll_of(pose.R) - self.crop.angle, math.tau)
+        return roll, float(self.pose.t[2] / pose.t[2])
+
+    def shift(self, pose: Pose) -> float:
+        """Distance across the view between a face at a pose and the one for which the crop was made, CANDIDE units."""
+        (x0, y0, z0), (x, y, z) = self.pose.t.tolist(), pose.t.tolist()
+        return math.hypot(x * z0 / z - x0, y * z0 / z - y0)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The lowest point of Eq. (9) that a solve found, and what was observed there.
+
+    facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance.
+    """
+
+    pose: Pose
+    energy: float
+    at: Linearization
+    facing: Mask
+    expected: Array
+
+    @property
+    def d2(self) -> Array:
+        """Squared distance (n,) of each landmark from what was expected."""
+        return self.at.d2
+
+    @property
+    def w(self) -> Array:
+        """Robust weight (n,) of each landmark."""
+        return self.at.w
+
+    @cached_property
+    def step_covariance(self) -> Array:
+        """Inverse (12, 12) of the Gauss-Newton matrix: covariance of a pose step, in units of the energy."""
+        return inverse_definite(self.at.H)
+
+    @cached_property
+    def misfit(self) -> float:
+        """Median, over the landmarks that face the camera, of squared distance over expected one; infinite without
+        any."""
+        return self.misfit_of(self.facing)
+
+    def misfit_of(self, seen: Mask) -> float:
+        """The same of the landmarks `seen` (n,)."""
+        ratio = sorted((self.d2[seen] / self.expected[seen]).tolist())  # for a few numbers faster than NumPy
+        return float(ratio[len(ratio) // 2]) if ratio else math.inf
+
+    def seen(self, most: float) -> tuple[Array, float]:
+        """Squared distances (m,), at most `most`, of the landmarks that face the camera, and their share of all
+        landmarks."""
+        d2 = self.d2[self.facing & (self.d2 <= most)]
+        return d2, len(d2) / len(self.d2)
+
+    @cached_property
+    def distinctive_d2(self) -> Array:
+        """Squared distances (m,) of what faces the camera and distinguishes a face from other things: the landmarks,
+        without the anchors, since plain skin looks like much else."""
+        n = len(LANDMARK_NAMES)
+        return np.asarray(self.d2[:n][self.facing[:n]])
+
+    def inlier_share(self, most: float) -> float:
+        """Share of these whose squared distance is at most `most`; 0 if they are too few to locate a face."""
+        telling = self.distinctive_d2
+        count = np.count_nonzero(telling <= most)
+        return count / len(telling) if count >= _LEAST_LANDMARKS else 0.0
+
+    def squared_misplacement(self, most: float) -> Array:
+        """Mean square (n,) per axis, in pixels of the crop, of the step that each landmark alone would take from where
+        the pose puts it, limited to `most`."""
+        return np.asarray(kernels.squared_misplacement(self.at.M, self.at.g, most))

@@ -1,0 +1,98 @@
+"""The face in one frame: the pose that minimises Eq. (9), near a prediction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mien.appearance.crop import is_blank
+from mien.config import RealtimeSettings
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.tracking.realtime import pose_geometry
+from mien.tracking.realtime.kernels import AppearanceArrays
+from mien.tracking.realtime.level import Level
+from mien.tracking.realtime.person import Person
+from mien.tracking.realtime.posterior import PosePosterior
+from mien.tracking.realtime.prior import StatePrior
+from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+
+
+class PoseSolver:
+    """Looks at a frame through the crop for a pose, and minimises Eq. (9) there."""
+
+    def __init__(self, person: Person, camera: Camera, prior: StatePrior, settings: RealtimeSettings) -> None:
+        self.person, self.face = person, person.face
+        self.camera, self.camera_vector = camera, camera.vector
+        self.prior = prior
+        self.settings = settings
+
+    def refine(
+        self, frame: Frame, predicted: Prediction, start: Pose | None = None, view: View | None = None
+    ) -> tuple[View, Solution]:
+        """The best solution at full resolution from a start, by default the predicted pose. A view that was not made
+        for nearly that pose, or for the solution's, is replaced by one that is."""
+        start = start or predicted.pose
+        if view is None or not self._fits(view, start):
+            view = self.view(self.face.fine, frame, start)
+        view = view.upright_at(start)
+        solution = self.solve(view, start, predicted)
+        if not self._fits(view, solution.pose):
+            view = self.view(self.face.fine, frame, solution.pose)
+            solution = self.solve(view, solution.pose, predicted)
+        return view, solution
+
+    def coarse(self, frame: Frame, predicted: Prediction, start: Pose) -> Pose:
+        """The best pose at half the resolution, which sees faces further away from the start."""
+        return self.solve(self.view(self.face.coarse, frame, start), start, predicted).pose
+
+    def view(self, level: Level, frame: Frame, pose: Pose) -> View:
+        """The crop of a frame for a pose at one level, and the landmarks that face the camera there: a set that stays
+        as it is while the view is solved."""
+        crop = level.crop(pose.R, pose.t, self.camera)
+        image = crop.sample(frame, level.descriptor.blur)
+        geometry = (self.camera_vector, crop.linear, crop.offset, pose.ray)
+        X, R = self.person.in_camera(pose), pose.arrays[0]
+        facing = pose_geometry.facing_camera(
+            X, self.face.normals, R, self.camera_vector, frame.width, frame.height, self.settings.hidden_cosine
+        )
+        facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
+        if is_blank(image):
+            facing[:] = False
+        return View(level, pose, pose, crop, image, geometry, facing)
+
+    def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
+        """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
+        s = self.settings
+        found = self.posterior(view, predicted).solve(start.arrays, s.iterations, s.tolerance)
+        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, self.person.expected.copy())
+
+    def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
+        """Eq. (9) in one view, with its prior centred on a prediction."""
+        person, level, appearance = self.person, view.level, view.level.appearance
+        trust = 1 / (1 + level.lack_of_fit(view.pose.angles) / self.settings.lack_of_fit)
+        return PosePosterior(
+            maps=view.maps,
+            sampling=view.sampling,
+            person=person.arrays,
+            appearance=AppearanceArrays(
+                coefficients=appearance.coefficients,
+                limit=appearance.limit,
+                offset=person.adapted_offset(level, view.upright),
+                U=appearance.U,
+                gain=trust[:, None] * appearance.gain,
+                inverse_floor=trust * appearance.inverse_floor,
+                variance=person.misplacement_variance(level, predicted.last.animation),
+            ),
+            active=view.facing.astype(np.float64),
+            scale=person.tolerance * person.expected,
+            prior=self.prior.arrays(predicted),
+            geometry=view.geometry,
+        )
+
+    def _fits(self, view: View, pose: Pose) -> bool:
+        """Whether the crop of a view was made for nearly the roll, scale and position of a face at a pose."""
+        s, (roll, scale) = self.settings, view.roll_and_scale(pose)
+        upright = abs(math.degrees(roll)) <= s.crop_roll_deg
+        return upright and abs(scale - 1) <= s.crop_scale and view.shift(pose) <= s.crop_shift

@@ -1,0 +1,352 @@
+"""The real-time tracker, the preset `realtime`: the paper's posterior, minimised by its gradient, and what it lacks.
+
+Each frame: predict the pose from the motion of the pixels, minimise Eq. (9) from there, decide whether what was found
+is the face, learn from it, and report. A face that is lost is searched for with keyframes and the detector.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mien.appearance.crop import is_blank
+from mien.arrays import Array
+from mien.candide.model import MOVES_MOUTH, Candide, lid_closing, with_eyes_closed
+from mien.config import RealtimeSettings
+from mien.errors import require, warn
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.initialization.fit import fit_first_frame
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_reported
+from mien.tracking.prior import JAW_DROP, state_sd
+from mien.tracking.realtime import pose_geometry
+from mien.tracking.realtime.axes import HeadAxes
+from mien.tracking.realtime.definite import inverse_definite, solve_definite
+from mien.tracking.realtime.first_run import BackgroundCompilation
+from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
+from mien.tracking.realtime.motion import Motion
+from mien.tracking.realtime.person import JAW, TRUSTED, Person
+from mien.tracking.realtime.prior import StatePrior
+from mien.tracking.realtime.recovery import Keyframes, find_by_detector
+from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+from mien.tracking.realtime.solver import PoseSolver
+from mien.tracking.realtime.uncertainty import (
+    confidence,
+    frame_variance,
+    state_covariance,
+    visibility,
+)
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_next_of
+
+_LIDS = np.array(
+    [[LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
+)
+"""Rows (2, 2) of the landmarks on the upper and lower eyelids."""
+_JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
+"""Values of jaw_drop from which the solver starts again where the mouth does not fit."""
+_NEAREST = 1.0
+"""Least distance of a face in CANDIDE units, about 11 cm: turned, a part of it would be behind a nearer camera."""
+_FACE_RADIUS = 1.3
+"""Radius in CANDIDE units around the face beyond which the surroundings begin."""
+_BETTER = 0.8
+"""A face elsewhere is preferred to one whose identity is doubted if its misfit is below this share of that one's."""
+
+
+class RealtimeTracker:
+    """Bayesian tracker with a pose-dependent appearance and a shape that is learned while tracking.
+
+    What it knows of the person is in `person`, where the face is in `pose`; `identity` judges whether it is still the
+    face of the first frame, and `axes` relates the model's axes to the head's.
+    """
+
+    def __init__(
+        self,
+        settings: RealtimeSettings | None = None,
+        model: Candide | None = None,
+        before: Person | None = None,
+    ) -> None:
+        """model: the face model, by default CANDIDE-3; see `fit_first_frame`. before: what an earlier pass over the
+        same frames has learned, see `again`."""
+        self.settings = settings or RealtimeSettings()
+        self.model = model
+        self.before = before
+        self.size: tuple[int, int] | None = None
+        self.compilation = BackgroundCompilation()
+
+    def again(self) -> RealtimeTracker:
+        """A tracker for a second pass over the same frames, from the same first frame and landmarks: it begins with the
+        shape that this one has learned."""
+        return RealtimeTracker(self.settings, self.model, self.person)
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        """Fit the first frame and learn the appearance of its landmarks. Raises MienError for a face that would be
+        nearer to the camera than it is wide."""
+        s = self.settings
+        landmarks.check(frame.width, frame.height)
+        self.size, self.camera = (frame.width, frame.height), camera
+        self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
+        focal, mm = f"{camera.focal_px:.0f} pixels", f"{self.fit.t[2] * self.fit.mm_per_unit:.0f} mm"
+        require(
+            self.fit.t[2] >= _NEAREST,
+            f"with a focal length of {focal} the face would be {mm} from the camera; "
+            "give the camera's own focal length or field of view",
+        )
+        self.person = Person(frame, landmarks, self.fit, camera, s, self.before)
+        self.compilation.finish()
+        self.face = self.person.face
+        self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
+        self.prior = StatePrior(self.pose, s)
+        self.solver = PoseSolver(self.person, camera, self.prior, s)
+        self.velocity = np.zeros(12)
+        self.motion = Motion(self.face.patches, self.person.mouth, s)
+        self.identity = Identity(1.0 - self.person.temples)
+        self.keyframes = Keyframes(self.fit, camera)
+        self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
+        self.lost_frames = self.doubted_frames = self.strange_mouth_frames = 0
+        settled = self._refine_first_pose(frame)
+        self.axes = HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, s)
+        self.landmark_offsets = self._landmark_offsets(landmarks)
+        familiar = familiarity(settled.distinctive_d2, self.pose.R, self.axes.first.R)
+        return self._estimate(frame, Status.INITIALIZED, settled, familiar)
+
+    def _refine_first_pose(self, frame: Frame) -> Solution:
+        """Refine the pose that the landmarks gave by the learned appearance: later rotations are measured from it."""
+        for _ in range(3):
+            view, solution = self.solver.refine(frame, self._prediction(self.pose))
+            self.pose = solution.pose
+        self.prior.R_first, self.first_animation = self.pose.R, self.pose.animation
+        self._remember(frame, view, solution)
+        self.closing = self.person.closing(solution)
+        if self.closing is None:
+            warn(
+                f"the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, so that "
+                "eyes_closed is not estimated; `mien landmarks` with --start finds landmarks where they are open, and "
+                "--landmarks learns it there"
+            )
+        return solution
+
+    def _landmark_offsets(self, landmarks: Landmarks) -> Array:
+        """Offsets (26, 3), in head axes and parallel to the image plane, from the model's landmarks to those given in
+        the first frame; zero for those that were not given."""
+        X = self.person.in_camera(self.pose)[: len(LANDMARK_NAMES)]
+        offsets = np.zeros_like(X)
+        rows = rows_reported(landmarks.scheme)
+        known = [LANDMARK_NAMES.index(name) for name in rows]
+        points = landmarks.points[list(rows.values())].mean(axis=1)
+        offsets[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
+        return np.asarray(offsets @ self.pose.R)
+
+    def track(self, frame: Frame) -> Estimate:
+        """The face in the next frame; one that is lost is searched for. Raises MienError before `initialize`, and for a
+        frame whose size differs from the first one's."""
+        require_next_of(self.size, frame)
+        s = self.settings
+        view, solution = self._search(frame)
+        status = Status.TRACKED
+        if solution.inlier_share(s.seen_distance) < s.least_share:
+            search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
+            found = self._recover(frame) if search else None
+            if found is None:
+                return self._lose(frame, view, solution)
+            (view, solution), status = found, Status.RECOVERED
+        elif self._doubts(solution):
+            found = self._recover(frame, _BETTER * solution.misfit)
+            if found is not None:
+                (view, solution), status = found, Status.RECOVERED
+        if self.lost_frames:
+            status = Status.RECOVERED
+        self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
+        self.velocity[6:] = 0  # a head keeps moving, an expression does not
+        self.pose, self.lost_frames = solution.pose, 0
+        familiar = familiarity(solution.distinctive_d2, self.pose.R, self.axes.first.R)
+        if familiar > FAMILIAR and not self._misfits(solution):
+            if self.person.learn(solution, self.identity.patches.agreement):
+                self.axes.learn(self.person.shape)
+            if self.keyframes.is_new(self.pose.R):
+                self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
+        agreements = self._remember(frame, view, solution)
+        self.identity.update(familiar, agreements, lambda: self._surroundings(frame))
+        if status is Status.TRACKED and self.identity.is_steady:
+            self.person.learn_view(solution, self.identity.patches.agreement)
+        return self._estimate(frame, status, solution, familiar)
+
+    def _surroundings(self, frame: Frame) -> float:
+        """Correlation of the surroundings of the face with those of twelve frames ago."""
+        radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
+        return self.identity.scene.correlation(self.camera.project(self.pose.t)[0], radius)
+
+    def _lose(self, frame: Frame, view: View, solution: Solution) -> Estimate:
+        """Keep the last pose, and report why the face is lost."""
+        self.lost_frames += 1
+        self.velocity, self.closing = np.zeros(12), None
+        outside = self.camera.in_image(self.person.in_camera(solution.pose), frame.width, frame.height).mean() < 0.5
+        unlike = "the image is blank" if is_blank(view.image) else "nothing here looks like the face of the first frame"
+        return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
+
+    def _doubts(self, solution: Solution) -> bool:
+        """Whether to search for the face elsewhere: every so many frames while its identity is doubted."""
+        doubtful = self.identity.is_doubted and self._misfits(solution)
+        self.doubted_frames = self.doubted_frames + 1 if doubtful else 0
+        return doubtful and self.doubted_frames % self.settings.doubt_interval == 0
+
+    def _recover(self, frame: Frame, misfit: float = math.inf) -> tuple[View, Solution] | None:
+        """The face at a pose that the detector or the keyframes propose, None if what is there does not look like the
+        face of the first frame, or fits no better than `misfit`."""
+        s = self.settings
+        for placed in self._proposals(frame):
+            start = Pose(*placed, self.fit.animation)
+            coarse = self.solver.coarse(frame, self._prediction(start), start)
+            view, solution = self.solver.refine(frame, self._prediction(coarse))
+            if solution.inlier_share(s.seen_distance) >= s.recovered_share and solution.misfit < misfit:
+                self.closing = self.person.closing(solution)
+                return view, solution
+        return None
+
+    def mesh(self, estimate: Estimate) -> Array | None:
+        """Vertices (113, 3) in camera axes of an estimate of this tracker; None where the face is lost."""
+        if estimate.rotation is None or estimate.translation is None:
+            return None
+        vertices = self.fit.vertices(estimate.animation)
+        if estimate.closing:
+            vertices = with_eyes_closed(vertices, estimate.closing.share)
+        return np.asarray(vertices @ self.axes.model_rotation(estimate.rotation).T + estimate.translation)
+
+    def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
+        s, lost = self.settings, self.lost_frames
+        thorough = lost < s.recovery_patience or lost % (3 * s.recovery_interval) == 0
+        yield from find_by_detector(frame, self.fit, self.camera, thorough)
+        known = self.keyframes.find(frame, self.pose.t) if thorough else None
+        if known is not None:
+            yield known
+
+    def _search(self, frame: Frame) -> tuple[View, Solution]:
+        """The best solution near the prediction; coarse to fine where the first one does not look like the face."""
+        s = self.settings
+        predicted = self._prediction(self.pose.moved(s.velocity * self.velocity))
+        view = self.solver.view(self.face.fine, frame, predicted.pose)
+        moved = predicted if self.lost_frames else self._predict_from_motion(view, predicted)
+        view, best = self.solver.refine(frame, moved, view=view)
+        if self._misfits(best) and (moved is predicted or best.inlier_share(s.seen_distance) < s.retry_share):
+            if moved is not predicted:
+                view, best = self.solver.refine(frame, predicted)
+            for start in (predicted.pose, self.pose):
+                again, fine = self.solver.refine(frame, predicted, self.solver.coarse(frame, predicted, start))
+                if fine.energy < best.energy:
+                    view, best = again, fine
+            moved = predicted
+        self.closing = self.person.closing(best, self.closing)
+        blinking = self.closing is not None and self.closing.share > s.closing_share
+        if blinking and not self.lost_frames and not self._misfits(best):
+            view, best, moved = self._without_eyes(view, predicted)
+        best = self._relax_mouth(view, self._open_mouth(view, best, moved))
+        return view, best if self.lost_frames else self._damp(predicted.pose, best)
+
+    def _misfits(self, found: Solution) -> bool:
+        """Whether a solution looks unlike the face."""
+        return found.misfit > self.settings.retry_distance
+
+    def _damp(self, predicted: Pose, found: Solution) -> Solution:
+        """Where few landmarks are seen, fuse the solution with the prediction, each weighed by its information: that a
+        head moves little in a frame then says more than the landmarks do."""
+        s = self.settings
+        d2, share = found.seen(s.seen_distance)
+        if share >= s.hold_share:
+            return found
+        sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation, s.prior_jaw)
+        inertia = np.diag(1 / sd**2)
+        information = found.at.H / frame_variance(d2, share)
+        back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
+        return replace(found, pose=found.pose.moved(-back))
+
+    def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
+        """The prediction corrected by the motion of the pixels since the last frame."""
+        prior = self.prior.arrays(predicted)
+        moved, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
+        pose = Pose(*moved)
+        covariance += self.step_covariance
+        covariance.reshape(-1)[::13] += self.motion.drift(self.pose.step_to(pose))  # the diagonal
+        return Prediction(pose, inverse_definite(covariance), self.pose)
+
+    def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
+        """Store what the next frame is compared with: the patches and the surroundings. Returns the correlations of the
+        patches that `PatchHistory.add` gives."""
+        self.identity.scene.remember(frame)
+        self.step_covariance = solution.step_covariance
+        seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
+        patches = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry)
+        agreements = self.identity.patches.add(*patches, seen)
+        mouth = self.person.mouth
+        self.visible = visibility(solution.d2, solution.facing, self.identity.patches.agreement, mouth)
+        # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
+        self.motion.weight = np.maximum(seen, mouth * self.visible)
+        return agreements
+
+    def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
+        """The view, solution and predicted motion without the landmarks of the eyes, while these blink."""
+        self.motion.weight[self.person.eyes] = 0
+        self.identity.patches.disregard(self.person.eyes)
+        view = view.of_landmarks(~self.person.eyes)
+        moved = self._predict_from_motion(view, predicted)
+        return view, self.solver.solve(view, moved.pose, moved), moved
+
+    def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
+        """A jaw can move further in a frame than its patches reach: where these do not fit, start from other
+        openings."""
+        s = self.settings
+        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_retry_distance * len(JAW):
+            return best
+        for jaw in _JAW_STARTS:
+            if abs(jaw - best.pose.animation[JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
+                animation = best.pose.animation.copy()
+                animation[JAW_DROP] = jaw
+                candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
+                best = min(best, candidate, key=lambda solution: solution.energy)
+        return best
+
+    def _relax_mouth(self, view: View, best: Solution) -> Solution:
+        """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and
+        with it the errors, until the mouth is too far away to be found."""
+        s, mouth = self.settings, view.facing & self.person.mouth
+        moved = np.abs(best.pose.animation - self.prior.rest)[MOVES_MOUTH].max()
+        usual = self.person.expected[mouth]
+        misfit = float((best.d2[mouth] / usual).mean()) if mouth.any() else 0.0
+        strange = moved > s.mouth_retry_moved and misfit > s.mouth_retry_distance
+        self.strange_mouth_frames = self.strange_mouth_frames + 1 if strange else 0
+        if self.strange_mouth_frames % s.mouth_retry_interval != 1:
+            return best
+        rest = np.where(MOVES_MOUTH, self.prior.rest, best.pose.animation)
+        predicted = self._prediction(replace(best.pose, animation=rest))
+        alone = self.solver.solve(view.of_landmarks(mouth), predicted.pose, predicted)
+        if (alone.d2[mouth] / usual).mean() > s.mouth_retry_share * misfit:
+            return best
+        return self.solver.solve(view, predicted.pose, predicted)
+
+    def _prediction(self, pose: Pose) -> Prediction:
+        """The prediction of a pose by the last one alone, without a measured motion."""
+        return Prediction(pose, self.prior.information, self.pose)
+
+    def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
+        """The estimate of a frame: the present pose, its landmarks, covariance and confidence. familiar:
+        `familiarity`."""
+        n = len(LANDMARK_NAMES)
+        closing = self.closing
+        lids = lid_closing(closing.share if closing else 0.0)
+        X, image = pose_geometry.reported_landmarks(
+            self.person.arrays, self.landmark_offsets, self.pose.arrays, _LIDS, lids, self.solver.camera_vector
+        )
+        d2, share = solution.seen(self.settings.seen_distance)
+        distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
+        relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
+        moved = self.pose.animation - self.first_animation
+        covariance = state_covariance(
+            solution.step_covariance, d2, share, self.pose.R, moved, self.axes.first, relief_sd, learned
+        )
+        sure = confidence(covariance, share, familiar, self.identity.probability)
+        return Estimate(
+            frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),
+            self.pose.animation.copy(), covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
+        )  # fmt: skip

@@ -1,0 +1,200 @@
+"""The tracker's statement of its own error, calibrated against ground truth.
+
+The inverse of the Gauss-Newton matrix at the optimum covers the noise of one frame, which grows where landmarks fit
+worse. It does not cover what is wrong in the same way in every frame. With a wrong relief every turn away from the
+first frame's view is too large or too small by a share of it, less so the more turns have taught the shape. With wrong
+head axes, which the first frame shows to a few degrees only, the error of a rotation grows with the turn, too. As no
+face moves exactly as the animation units do, their error grows with the expression. All are scaled to the errors
+measured on rendered sequences with exact truth; docs/benchmark.md has the coverage and the reliability that result, and
+the commands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mien.arrays import Array, Mask
+from mien.candide.model import MOVES_MOUTH
+from mien.compiled import kernel
+from mien.geometry.rotation import ray_rotation
+from mien.tracking.realtime.identity import logistic
+
+NOISE_SCALE = 0.165
+"""Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
+MISFIT_DISTANCE = 1.3
+"""Median squared distance of the landmarks that doubles those variances."""
+RELIEF_SCALE = 0.25
+"""Standard deviation of the share by which the turn out of the first image plane is wrong, as a factor of the standard
+deviation of the relief."""
+TURNED_SCALE = 0.18
+"""The same for a face seen from the side in the first frame, which shows little of its relief: as a factor of the sine
+of that angle."""
+LEARNED_SCALE = 0.1
+"""The same where the appearance of the turned face was learned during the turn."""
+AXES_SCALE = np.array([1.2, 0.85, 2.0])
+"""Factors of the standard deviations of the head's axes in tilt, pan and roll. Part of this error is not the axes':
+what is wrong with the features of a face that turns far grows likewise, and rolls it more than the axes do."""
+TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
+"""Factor of the standard deviations of the translation beyond that of the rotation; and, in CANDIDE units, the standard
+deviation of its constant error across the view, and of the error that a wrong relief adds, by the sine of the turn."""
+UNIT_SCALE = np.array([0.65, 0.35, 0.4, 0.5, 0.25, 0.65])
+"""Standard deviation of the error of each unit in an expression, as a share of how far the mouth, or for their two
+units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
+far."""
+_SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
+_LEAST_SEEN = 0.04
+"""Share of a single landmark, taken where none is seen."""
+_CONFIDENCE = (-7.5, -1.8)
+"""Bias and weight of the logarithm of the spread in a logistic regression: fitted to the rendered sequences as they
+are, with boards of all sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
+_HARDLY_SEEN = (0.2, 0.03)
+"""Share of the landmarks seen below which nothing is believed, and the width of that step: with less a face is mostly
+lost, so that no error can be measured."""
+_VISIBLE, _VISIBLE_MOUTH = (21.8, -4.9, 3.5), 1.8
+"""Logistic regression of visibility: bias, weights of the logarithm of the squared distance and of the agreement of the
+patch, and an extra bias for a mouth, whose appearance changes as it moves. Fitted to recordings and rendered faces with
+boards before them."""
+_STILL_KNOWN = 0.9
+"""Probability that a face which looks strange, but has been the same since it was known, is right: about how often its
+rotation is, beyond what the covariance says."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to
+    the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
+    roll."""
+
+    R: Array
+    ray: Array
+    axes_sd: Array
+
+    @cached_property
+    def scaled_axes_sd(self) -> Array:
+        """(3,) calibrated standard deviations of the axes."""
+        return np.asarray(self.axes_sd * AXES_SCALE)
+
+    @cached_property
+    def obliqueness(self) -> float:
+        """Sine of the angle from which the first frame sees the face."""
+        return math.sqrt(turn_squared(self.R, ray_rotation(self.ray)))
+
+
+def state_covariance(
+    spread: Array,
+    d2: Array,
+    seen: float,
+    R: Array,
+    moved: Array,
+    first: Reference,
+    relief_sd: float,
+    learned: float = 0,
+) -> Array:
+    """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
+    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3), with units that have moved by
+    `moved` (6,) since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first
+    frame's, a likewise, and t has the unit of length of the fitted face. relief_sd, learned: see
+    `systematic_covariance`."""
+    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * turn_squared(R, first.R)
+    covariance: Array = _total_covariance(
+        frame_variance(d2, seen), spread, across, systematic_covariance(R, first, relief_sd, learned), moved
+    )
+    return covariance
+
+
+@kernel()
+def _total_covariance(variance: float, spread: Any, across: float, systematic: Any, moved: Any) -> Any:
+    """Covariance (12, 12): a frame's own, with the scale of the translation, and the systematic errors: of the
+    translation, per axis across the view, of the rotation (3, 3), and of units that have moved by `moved` (6,)."""
+    out = np.empty(spread.shape)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = variance * spread[i, j] * _SCALES[i, j]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] += systematic[i, j]
+    out[3, 3] += across
+    out[4, 4] += across
+    for k in range(6):
+        for j in range(6):
+            if MOVES_MOUTH[j] == MOVES_MOUTH[k]:
+                out[6 + k, 6 + k] += (UNIT_SCALE[k] * moved[j]) ** 2
+    return out
+
+
+def frame_variance(d2: Array, seen: float) -> float:
+    """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as of
+    `state_covariance`."""
+    misfit = sorted(d2.tolist())[len(d2) // 2] / MISFIT_DISTANCE if len(d2) else 0.0
+    # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
+    return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
+
+
+def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
+    """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
+    head's axes. A relief that is too deep along the first frame's ray turns too little, by a share with standard
+    deviation relief_sd, about the axis of the turn out of that frame's image plane. So does a face of which that frame
+    shows one side only, and one whose appearance was, by a share `learned`, learned where the tracker believed it to be
+    in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
+    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.obliqueness, LEARNED_SCALE * learned)
+    covariance: Array = _of_relief_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
+    return covariance
+
+
+@kernel()
+def _of_relief_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: float) -> Any:
+    """`systematic_covariance`, with the share by which the turn is too large or too small."""
+    turned = np.empty(3)  # where the head has what the first frame's ray met
+    for i in range(3):
+        turned[i] = 0.0
+        for k in range(3):
+            turned[i] += R[i, k] * (R_first[0, k] * ray[0] + R_first[1, k] * ray[1] + R_first[2, k] * ray[2])
+    out, turn = np.empty((3, 3)), np.empty(3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turn[i] = share * (ray[j] * turned[k] - ray[k] * turned[j])
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = turn[i] * turn[j]
+            for k in range(3):
+                out[i, j] += (R[i, k] - R_first[i, k]) * (R[j, k] - R_first[j, k]) * axes_sd[k] * axes_sd[k]
+    return out
+
+
+def turn_squared(R: Array, R_first: Array) -> float:
+    """Squared sine of the turn of the face out of the image plane between two rotations (3, 3)."""
+    (x, y, z), (a, b, c) = R[:, 2].tolist(), R_first[:, 2].tolist()  # at a third of the time of NumPy's product
+    return float(max(0.0, 1 - (a * x + b * y + c * z) ** 2))
+
+
+def confidence(covariance: Array, seen: float, familiar: float, known: float = 0.0) -> float:
+    """Probability that the rotation is right to 5 degrees.
+
+    seen: share of all landmarks that are seen; familiar: see `identity.familiarity`; known: see `identity.Identity`. A
+    logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen,
+    times the probability that this is the face of the first frame at all.
+    """
+    bias, by_spread = _CONFIDENCE
+    least, width = _HARDLY_SEEN
+    spread = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
+    right = logistic(bias + by_spread * math.log(spread))
+    return right * logistic((seen - least) / width) * max(familiar, _STILL_KNOWN * known)
+
+
+def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
+    """Probability (n,) that nothing covers a landmark, from the squared distances d2 (n,); 0 for those that do not face
+    the camera.
+
+    agreement: (n,) of the patches with the frames before, see `PatchHistory`; mouth: (n,) which landmarks belong to
+    mouth and chin. What covers a face looks strange and comes suddenly. An expression looks strange as well, but mostly
+    comes gradually, and stays on the face.
+    """
+    bias, by_distance, by_agreement = _VISIBLE
+    strange = by_distance * np.log(np.maximum(d2, 1.0))
+    evidence = bias + strange + by_agreement * agreement + _VISIBLE_MOUTH * mouth
+    return np.asarray(facing / (1 + np.exp(-evidence)))

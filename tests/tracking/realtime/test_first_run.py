@@ -1,0 +1,112 @@
+"""The first run: what is compiled beside it is what tracking then calls, and what goes wrong there harms nothing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mien
+from mien.tracking.realtime import RealtimeTracker, first_run
+
+FIRST_RUN = """
+from mien.compiled import is_cached
+from mien.tracking.realtime import first_run, kernels
+from mien.tracking.realtime import RealtimeTracker
+from small_motion import run, small_motion
+
+assert not is_cached(kernels.solve)
+estimates = run(RealtimeTracker(), small_motion())
+assert all(e.status.success for e in estimates)
+assert is_cached(kernels.solve)
+for kernel, examples in (*first_run._IN_BACKGROUND, *first_run._IN_FOREGROUND):
+    assert kernel.signatures == [first_run._signature(examples)], kernel
+print(kernels.solve.stats.cache_misses.total(), "compiled here")
+"""
+
+
+@pytest.mark.skipif(first_run.available_processors() < 2, reason="one processor compiles everything itself")
+def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST_RUN], env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "0 compiled here"
+
+
+def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(tmp_path: Path) -> None:
+    """As by an upgrade; not because a file was written again as it was."""
+    package = tmp_path / "mien"
+    shutil.copytree(Path(mien.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    script = """
+from mien.compiled import is_cached
+from mien.tracking.realtime.first_run import POLYNOMIAL, _compile
+
+kernel, _ = POLYNOMIAL
+print(is_cached(kernel))
+_compile(POLYNOMIAL)
+print(is_cached(kernel))
+"""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+
+    def run() -> list[str]:
+        command = [sys.executable, "-c", script]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    called = package / "tracking" / "pose_geometry.py"
+    assert run() == ["False", "True"]
+    called.write_text(called.read_text(encoding="utf-8"), encoding="utf-8")
+    assert run() == ["True", "True"]
+    called.write_text(called.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert run() == ["False", "True"]
+
+
+@pytest.fixture
+def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first_run, "is_cached", lambda kernel: False)
+    monkeypatch.setattr(first_run, "available_processors", lambda: 2)
+
+
+@pytest.mark.usefixtures("first_time")
+@pytest.mark.parametrize("executable", ["", "/nowhere/python"])
+def test_without_another_python_nothing_is_lost(executable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", executable)
+    compiled = first_run.BackgroundCompilation()
+    assert compiled.helper is None
+    compiled.finish()
+
+
+@pytest.mark.usefixtures("first_time")
+def test_the_other_process_ends_with_its_tracker(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first_run, "_PROGRAM", "import time; time.sleep(60)")
+    tracker = RealtimeTracker()
+    helper = tracker.compilation.helper
+    assert helper is not None
+    assert helper.poll() is None
+    del tracker
+    assert helper.poll() is not None
+
+
+def test_the_other_process_ends_with_this_one() -> None:
+    script = """
+from mien.tracking.realtime import first_run, kernels
+
+first_run._PROGRAM = "import time; time.sleep(60)"
+first_run.is_cached = lambda kernel: False
+first_run.available_processors = lambda: 2
+compiled = first_run.BackgroundCompilation()
+print(compiled.helper.pid)
+raise KeyboardInterrupt
+"""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    assert "KeyboardInterrupt" in done.stderr
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(done.stdout), 0)

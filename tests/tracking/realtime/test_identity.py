@@ -1,0 +1,84 @@
+"""Whether a face is still that of the first frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.geometry.rotation import FACING
+from mien.synthetic import make_sequence, moved
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.realtime.identity import Identity, _is_same, _updated, familiarity
+from small_motion import face
+
+
+def test_a_stranger_differs_everywhere_and_a_grimace_in_places() -> None:
+    assert familiarity(np.full(26, 55.0), FACING, FACING) < 0.01
+    assert familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING) > 0.9
+    assert familiarity(np.full(26, 10.0), FACING, FACING) > 0.99
+    assert familiarity(np.zeros(0), FACING, FACING) == 0  # nothing is seen
+
+
+def test_identity_is_recognised_soon_and_doubted_slowly() -> None:
+    probability = [0.0]
+    for familiar in [1.0] * 30 + [0.0] * 100:
+        probability.append(_updated(probability[-1], familiar, same=True))
+    assert probability[10] == pytest.approx(1 - 0.9**10)
+    assert probability[-1] == pytest.approx(probability[30] * 0.998**100)
+    assert probability[45] > 0.9  # a grimace of half a second changes little
+    assert _updated(1.0, 1.0, same=False) == 0
+
+
+@pytest.mark.parametrize(
+    ("familiar", "lately", "later", "surroundings", "same"),
+    [
+        (1.0, 0.95, 0.4, 0.0, True),  # it looks like itself
+        (1.0, 0.8, 1.0, 0.0, False),  # a cut
+        (1.0, 0.8, 1.0, 0.9, True),  # a blurred frame
+        (1.0, 0.6, 1.0, 1.0, False),  # another face in the same room
+        (0.0, 0.95, 0.9, 0.0, True),  # a head that turns before a moving background
+        (0.0, 0.95, 0.7, 0.0, False),  # a picture that dissolves into another one
+        (0.0, 0.95, 0.8, 0.9, True),  # a hand before the face
+        (0.0, 0.95, 0.7, 0.9, False),  # a turn in a jump
+        (0.0, 0.95, 0.5, 1.0, False),  # a picture that dissolves into another one of the same room
+    ],
+)
+def test_whether_a_face_is_the_same(
+    familiar: float, lately: float, later: float, surroundings: float, same: bool
+) -> None:
+    assert _is_same(familiar, (lately, later), lambda: surroundings) == same
+
+
+def test_it_is_steady_where_it_is_known_and_as_twelve_frames_ago() -> None:
+    identity = Identity(np.ones(4))
+    identity.patches.later.append(0.9)
+    assert identity.is_steady
+    identity.patches.later.append(0.8)
+    assert not identity.is_steady
+    identity.patches.later.append(0.9)
+    identity.update(1.0, (0.5, 1.0), lambda: 0.0)  # a cut
+    assert identity.is_doubted
+    assert not identity.is_steady
+
+
+@pytest.mark.parametrize(("surroundings", "known"), [(1.0, True), (0.5, False)])
+def test_a_known_face_is_known_again_after_a_single_frame_of_something_else(
+    surroundings: float, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless its surroundings have changed. It does not look as in the first frame, so that familiarity cannot tell."""
+    tracker = RealtimeTracker()
+    first = make_sequence(face(), moved(face(), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6)))).frames[0]
+    tracker.initialize(first, face().landmarks, face().camera)
+    monkeypatch.setattr("mien.tracking.realtime.familiarity", lambda *of: 0.0)
+    for _ in range(14):
+        tracker.track(first)
+    before = tracker.identity.probability
+    with monkeypatch.context() as doubt:
+        doubt.setattr("mien.tracking.realtime.identity._is_same", lambda *of: False)
+        doubt.setattr(tracker, "_surroundings", lambda frame: surroundings)
+        tracker.track(first)
+    doubted = tracker.identity.probability
+    tracker.track(first)
+    assert before > 0.9
+    assert doubted == 0
+    assert (tracker.identity.probability > 0.9) is known

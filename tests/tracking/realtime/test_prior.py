@@ -1,0 +1,21 @@
+"""The evolution model of the real-time tracker."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mien.config import RealtimeSettings
+from mien.geometry.rotation import FACING, exp
+from mien.tracking.realtime.prior import StatePrior
+from mien.tracking.realtime.solution import Pose, Prediction
+
+
+def test_the_rest_is_firmer_where_a_prediction_has_turned() -> None:
+    """Also of two predictions from the same last pose, as while a lost face is searched for."""
+    first = Pose(FACING, np.array([0.0, 0.0, 9.0]), np.zeros(6))
+    prior = StatePrior(first, RealtimeSettings())
+    turned = Pose(exp(np.array([0.0, 0.7, 0.0])) @ FACING, first.t, first.animation)
+    front, side = (
+        prior.arrays(Prediction(pose, prior.information, first)).rest_information for pose in (first, turned)
+    )
+    assert (side > 5 * front).all()

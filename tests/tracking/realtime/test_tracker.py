@@ -1,0 +1,456 @@
+"""The tracker for use on a rendered face with known truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown, with_spectacles
+from mien.appearance.regression import PoseRegression
+from mien.arrays import Array
+from mien.baselines.lefevre import LefevreTracker
+from mien.candide.model import TRACKED_UNITS
+from mien.config import RealtimeSettings
+from mien.errors import MienError
+from mien.frame import Decoded, Frame
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import angle_between
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
+from mien.synthetic import make_sequence, moved
+from mien.tracking.paper import PaperTracker
+from mien.tracking.realtime import RealtimeTracker, person
+from mien.tracking.state import Estimate, Status, Tracker
+from mien.video import open_video
+from small_motion import face, run, small_motion
+from videos import known_portrait, portrait_images, turn_by_metadata, write_video
+
+
+@pytest.fixture(scope="module")
+def estimates() -> list[Estimate]:
+    return run(RealtimeTracker(), sequence())
+
+
+def _covariance(estimate: Estimate) -> Array:
+    assert estimate.covariance is not None
+    return estimate.covariance
+
+
+def test_the_face_is_followed(estimates: list[Estimate]) -> None:
+    errors = errors_deg(estimates, sequence())
+    assert errors.mean() < 2
+    assert errors.max() < 4
+    assert [e.status for e in estimates] == [Status.INITIALIZED] + [Status.TRACKED] * (len(estimates) - 1)
+    assert [(e.index, e.time) for e in estimates] == [(f.index, f.time) for f in sequence().frames]
+
+
+@pytest.mark.parametrize("new", [RealtimeTracker, PaperTracker, LefevreTracker])
+def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], Tracker]) -> None:
+    """They would be tracked, at angles that are wrong by tens of degrees."""
+    tracker = new()
+    first = small_motion().frames[0]
+    with pytest.raises(MienError, match="call initialize first"):
+        tracker.track(first)
+    tracker.initialize(first, face().landmarks, face().camera)
+    with pytest.raises(MienError, match=r"has the size \(320, 120\), the first had \(320, 240\)"):
+        tracker.track(Frame(np.ascontiguousarray(first.pixels[:120]), 7))
+
+
+def test_spectacles_are_followed() -> None:
+    """Rims move more than the eyes behind them; with a shape that cannot learn this the largest error is 4 degrees."""
+    errors = errors_deg(run(RealtimeTracker(), with_spectacles()), with_spectacles())
+    assert errors.mean() < 1.5
+    assert errors.max() < 3.2
+
+
+def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None:
+    """Also where the fitted model does not reach them; those that an annotation lacks are the model's."""
+    sequence = small_motion()
+    rows = rows_reported(face().landmarks.scheme)
+    known = [LANDMARK_NAMES.index(name) for name in rows]
+    points = face().landmarks.points[list(rows.values())].mean(axis=1)
+    assert len(known) > 20
+    first, *_, last = run(RealtimeTracker(), sequence)
+    assert first.landmarks is not None
+    assert last.landmarks is not None
+    np.testing.assert_allclose(first.landmarks.image[known], points, atol=0.1)  # lids that have moved since
+    beside = points - sequence.landmarks[0, known]  # of the drawn head's own vertices
+    assert np.linalg.norm(beside, axis=1).max() > 1
+    off = last.landmarks.image[known] - sequence.landmarks[-1, known]
+    assert np.linalg.norm(off - beside, axis=1).mean() < 0.7  # 0.9 with those of the model
+
+
+def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
+    def learned(light_contrast: float) -> PoseRegression:
+        tracker = RealtimeTracker(RealtimeSettings(light_contrast=light_contrast))
+        tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+        return tracker.face.fine.appearance
+
+    dark, lit = learned(0.0), learned(0.6)
+    np.testing.assert_array_equal(dark.coefficients, lit.coefficients)
+    variance = [1 / (1e3 + a.gain) for a in (dark, lit)]  # I / floor + U^T diag(gain) U, the floor being 1e-3
+    assert (variance[1] > variance[0]).mean() > 0.9
+
+
+def test_what_the_nose_hides_is_hidden() -> None:
+    """Of a face that turns away the inner corner of the further eye, and nothing from the front."""
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    depth, right, left = (
+        tracker.settings.hidden_depth,
+        *(LANDMARK_NAMES.index(f"{side}_eye_inner_corner") for side in ("right", "left")),
+    )
+    level, n = tracker.face.fine, len(LANDMARK_NAMES)
+    assert not (level.depth_behind(np.zeros(2)) > depth)[:n].any()
+    away = np.radians(60.0)
+    hidden = [level.depth_behind(np.array([0.0, pan])) > depth for pan in (-away, away)]
+    assert sorted((bool(h[right]), bool(h[left])) for h in hidden) == [(False, True), (True, False)]
+
+
+def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    level = tracker.face.fine
+    k = level.views.shape[1]
+    views = level.appearance.lack_of_fit.reshape(k, k, -1)
+    tilts, pans = level.views
+    np.testing.assert_allclose(level.lack_of_fit(np.array([tilts[3], pans[5]])), views[3, 5], rtol=1e-5)
+    middle = np.array([tilts[3:5].mean(), pans[5:7].mean()])
+    np.testing.assert_allclose(level.lack_of_fit(middle), views[3:5, 5:7].mean(axis=(0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(level.lack_of_fit(np.radians([-90.0, 90.0])), views[0, -1], rtol=1e-5)
+
+
+def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    lack_of_fit, frame = tracker.face.fine.appearance.lack_of_fit, sequence().frames[1]
+    lack_of_fit[:] = 0
+    _, sure = tracker._search(frame)
+    lack_of_fit[:] = 3 * tracker.settings.lack_of_fit
+    _, doubtful = tracker._search(frame)
+    assert np.median(doubtful.d2 / sure.d2) == pytest.approx(1 / 4, rel=0.05)
+
+
+def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
+    first, landmarks, camera = sequence().frames[0], face().landmarks, face().camera
+    left, top = 300, 170
+    pixels = np.full((first.height + 2 * top, first.width + left, 3), round(float(first.gray.mean())), np.uint8)
+    pixels[top : top + first.height, left:] = first.pixels
+
+    def learned(frame: Frame, landmarks: Landmarks, camera: Camera) -> PoseRegression:
+        tracker = RealtimeTracker()
+        tracker.initialize(frame, landmarks, camera)
+        return tracker.face.fine.appearance
+
+    small = learned(first, landmarks, camera)
+    large = learned(
+        Frame(pixels, first.index, first.time),
+        replace(landmarks, points=landmarks.points + np.array([left, top])),
+        replace(camera, cx=camera.cx + left, cy=camera.cy + top),
+    )
+    np.testing.assert_allclose(large.coefficients, small.coefficients, atol=0.01)
+
+
+def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
+    tracker = RealtimeTracker(RealtimeSettings(learn_shape=False))
+    frames = sequence().frames[:8]
+    tracker.initialize(frames[0], face().landmarks, face().camera)
+    misplaced = LANDMARK_NAMES.index("nose_base_mid")
+    tracker.person.neutral[misplaced, 0] += 0.02
+    for frame in frames[1:]:
+        tracker.track(frame)
+    variance = tracker.person.variance[:, 0]
+    assert variance[misplaced] > 3 * np.median(variance)
+    assert variance.min() >= 0.9 * tracker.settings.location_sd**2
+
+
+def test_a_second_pass_knows_the_relief() -> None:
+    """The first frame's relief is taken to be flatter than it is, and a second pass begins with what the turns of the
+    first have corrected."""
+    depths = face().landmarks.depths
+    assert depths is not None
+    flat = replace(face().landmarks, depths=0.7 * depths)
+
+    def mean_error(tracker: RealtimeTracker) -> float:
+        first, *others = sequence().frames
+        estimates = [tracker.initialize(first, flat, face().camera), *(tracker.track(f) for f in others)]
+        return float(errors_deg(estimates, sequence()).mean())
+
+    tracker = RealtimeTracker()
+    before = mean_error(tracker)
+    learned = tracker.person.shape.mean.copy()
+    again = tracker.again()
+    assert mean_error(again) < 0.75 * before
+    assert again.person.face is tracker.person.face  # of the same first frame
+    np.testing.assert_array_equal(tracker.person.shape.mean, learned)  # the second learns on its own
+
+
+def test_what_an_expression_moves_says_less() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    level = tracker.face.fine
+    rest = tracker.person.misplacement_variance(level, tracker.pose.animation)
+    raised = tracker.pose.animation.copy()
+    raised[TRACKED_UNITS.index("outer_brow_raiser")] += 1
+    tracker.pose = replace(tracker.pose, animation=raised)
+    more = (tracker.person.misplacement_variance(level, tracker.pose.animation) - rest)[:, 0]
+    brow, nose = LANDMARK_NAMES.index("left_brow_outer"), LANDMARK_NAMES.index("nose_tip")
+    pixels = tracker.settings.unit_error * 0.176 * level.descriptor.pixels_per_unit  # CANDIDE: (0.022, 0.174, -0.022)
+    assert np.sqrt(more[brow]) == pytest.approx(pixels, rel=0.1)
+    assert more[nose] == pytest.approx(0, abs=0.05 * more[brow])
+
+
+def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
+    """So many times as firm at rest, half of that at `rest_within`, and next to nothing of it further away."""
+    firmness = {"rest_firmness": 20.0, "rest_mouth_firmness": 50.0, "rest_jaw_firmness": 40.0}
+    s = RealtimeSettings(rest_animation=0.5, rest_mouth=1.0, rest_within=0.1, **firmness)
+    tracker = RealtimeTracker(s)
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
+    tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
+    prior = tracker.prior.arrays(tracker._prediction(tracker.pose))
+    np.testing.assert_array_equal(prior.rest, tracker.fit.animation)
+    loose = np.array([1.0, 1.0, 1.0, 4.0, 1.0, 4.0])  # the second is jaw_drop, fourth and sixth are of the brows
+    np.testing.assert_allclose(prior.rest_information, loose * [51, 41, 26, 11, 1 + 50 / 101, 3], rtol=1e-6)
+
+
+def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
+    """As long as nothing is before it: a landmark elsewhere that looks as strange says nothing, and neither says whose
+    face it is."""
+    tracker = RealtimeTracker()
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    view, found = tracker._search(frame)
+    strange = replace(
+        found,
+        at=found.at._replace(d2=np.full_like(found.d2, 120.0), w=np.full_like(found.w, 0.01)),
+        facing=np.full(len(found.w), True),
+    )
+    tracker._remember(frame, view, strange)
+    mouth = tracker.person.mouth
+    assert (tracker.motion.weight[mouth] > 0.9).all()
+    assert (tracker.motion.weight[~mouth] < 0.1).all()
+    *_, says_whose_face_it_is = tracker.identity.patches.frames[-1]
+    assert (says_whose_face_it_is < 0.1).all()
+    tracker._remember(frame, view, replace(strange, at=strange.at._replace(d2=np.full_like(found.d2, 1000.0))))
+    assert (tracker.motion.weight < 0.1).all()
+
+
+def test_a_mouth_that_was_lost_is_found_at_rest() -> None:
+    """Where something took it along and has gone: too far from its place for the solver, as if by a hand."""
+    tracker = RealtimeTracker()
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    rest = tracker.pose.animation
+    taken = rest.copy()
+    taken[TRACKED_UNITS.index("upper_lip_raiser")] += 1.4
+    tracker.pose = replace(tracker.pose, animation=taken)
+    tracker._remember(frame, *tracker.solver.refine(frame, tracker._prediction(tracker.pose)))
+    tracker.track(frame)
+    np.testing.assert_allclose(tracker.pose.animation, rest, atol=0.1)
+
+
+def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    across = np.ptp(tracker.face.patches[:, :, 0], axis=1)
+    corners = np.array(["mouth_corner" in name for name in person.TRACKED])
+    assert across[corners] == pytest.approx(2 * tracker.settings.motion_corner, rel=0.25)
+    assert across[~corners].min() > 2 * across[corners].max()
+
+
+def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
+    """The same frame, over and over, fits ever better; the scale of the robust weights stays above its floor."""
+    tracker = RealtimeTracker(RealtimeSettings(expectation_rate=0.3))
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    for _ in range(20):
+        tracker.track(frame)
+    assert tracker.person.expected.min() == tracker.settings.least_distance
+
+
+def test_misplacement_solves_each_landmark_alone() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    _, solution = tracker.solver.refine(sequence().frames[1], tracker._prediction(tracker.pose))
+    seen = solution.facing
+    expected = -np.linalg.solve(solution.at.M[seen, :2, :2], solution.at.g[seen, :2, None])[:, :, 0]
+    assert 0 < (np.abs(expected) > 0.1).mean() < 0.9
+    for most in (0.1, 100.0):
+        squared = np.square(np.clip(expected, -most, most)).mean(axis=1)
+        np.testing.assert_allclose(solution.squared_misplacement(most)[seen], squared, rtol=1e-3)
+
+
+def test_it_is_better_than_the_paper() -> None:
+    truth = gentle_sequence()
+    ours, papers = (errors_deg(run(tracker, truth), truth).mean() for tracker in (RealtimeTracker(), PaperTracker()))
+    assert ours < 0.6 * papers
+
+
+def test_place_and_landmarks_are_followed(estimates: list[Estimate]) -> None:
+    for estimate, t, truth in zip(estimates, sequence().t, sequence().landmarks, strict=True):
+        assert estimate.translation is not None
+        assert estimate.landmarks is not None
+        np.testing.assert_allclose(estimate.translation, t, atol=0.08)
+        assert estimate.landmarks.names == LANDMARK_NAMES
+        assert np.linalg.norm(estimate.landmarks.image - truth, axis=1).mean() < 2.5
+
+
+def test_the_jaw_is_followed(estimates: list[Estimate]) -> None:
+    jaw = TRACKED_UNITS.index("jaw_drop")
+    found = [e.animation[jaw] for e in estimates if e.animation is not None]
+    assert np.corrcoef(found, sequence().animation[:, jaw])[0, 1] > 0.95
+
+
+def test_an_estimate_is_the_callers_own() -> None:
+    """What is done to it does not move the face that is tracked."""
+    tracker = RealtimeTracker()
+    frame = sequence().frames[0]
+    tracker.initialize(frame, face().landmarks, face().camera)
+    estimate = tracker.track(frame)
+    known = tracker.pose
+    kept = known.t.copy(), known.animation.copy()
+    assert estimate.translation is not None
+    assert estimate.animation is not None
+    translation, animation = estimate.translation, estimate.animation
+    translation *= estimate.mm_per_unit
+    animation += 1
+    np.testing.assert_array_equal(known.t, kept[0])
+    np.testing.assert_array_equal(known.animation, kept[1])
+
+
+def test_visibility_and_confidence_are_in_their_range(estimates: list[Estimate]) -> None:
+    for estimate in estimates:
+        assert estimate.landmarks is not None
+        assert estimate.landmarks.visibility is not None
+        assert estimate.landmarks.distance is not None
+        assert ((estimate.landmarks.visibility >= 0) & (estimate.landmarks.visibility <= 1)).all()
+        unseen = estimate.landmarks.visibility == 0
+        np.testing.assert_array_equal(np.isnan(estimate.landmarks.distance), unseen)
+        assert 0 <= estimate.confidence <= 1
+
+
+def test_most_landmarks_of_a_frontal_face_are_seen(estimates: list[Estimate]) -> None:
+    visibility = [e.landmarks.visibility for e in estimates if e.landmarks is not None]
+    assert np.mean(next(v for v in visibility if v is not None)) > 0.8
+
+
+def test_the_covariance_is_one(estimates: list[Estimate]) -> None:
+    for estimate in estimates:
+        covariance = _covariance(estimate)
+        assert covariance.shape == (12, 12)
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-6 * np.abs(covariance).max())
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        assert np.isfinite(np.asarray(estimate.euler_sd)).all()
+
+
+def test_a_covered_landmark_is_reported_as_hidden() -> None:
+    """A board before the mouth and the chin of a face at rest."""
+    x0, y0 = sequence().landmarks[0][:, 0].min(), sequence().landmarks[0][LANDMARK_NAMES.index("nose_base_mid"), 1]
+    box = (int(x0) - 10, int(y0) + 8, int(x0) + 140, 239)
+    still = moved(face(), np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((8, 6)))
+    covered = make_sequence(face(), still, noise_sd=2, occluders={k: box for k in range(4, 8)})
+    estimates = run(RealtimeTracker(), covered)
+    below = covered.landmarks[0][:, 1] > box[1] + 4
+    visible = [e.landmarks.visibility for e in estimates if e.landmarks is not None]
+    before, after = visible[3], visible[-1]
+    assert before is not None
+    assert after is not None
+    assert before[below].mean() > 0.7
+    assert after[below].mean() < 0.3
+    assert after[~below].mean() > 0.7
+    assert np.nanmax(errors_deg(estimates, covered)) < 3
+
+
+def test_repeated_frames_leave_the_pose_in_place() -> None:
+    estimates = run(RealtimeTracker(), in_order([*range(11)] + [10] * 14))
+    R = np.stack([e.rotation for e in estimates[11:] if e.rotation is not None])
+    assert len(R) == 14
+    assert np.degrees(angle_between(R[4:], R[3:-1])).max() < 0.1  # once the motion that was predicted is over
+    assert np.degrees(angle_between(R[0], R[-1])) < 1
+
+
+def test_a_black_frame_does_not_destroy_the_track() -> None:
+    frames = list(sequence().frames)
+    frames[20] = Frame(np.zeros_like(frames[20].pixels))
+    estimates = run(RealtimeTracker(), shown(frames))
+    assert estimates[20].status is Status.LOST
+    assert estimates[20].reason
+    assert estimates[20].rotation is None
+    assert estimates[21].status is Status.RECOVERED
+    assert np.nanmax(errors_deg(estimates, sequence())[21:]) < 4
+
+
+def test_the_same_frames_give_the_same_numbers(estimates: list[Estimate]) -> None:
+    again = run(RealtimeTracker(), in_order(range(10)))
+    for a, b in zip(estimates, again, strict=False):
+        np.testing.assert_array_equal(np.asarray(a.rotation), np.asarray(b.rotation))
+        np.testing.assert_array_equal(_covariance(a), _covariance(b))
+
+
+def test_the_mesh_is_the_fitted_face() -> None:
+    tracker = RealtimeTracker()
+    first = tracker.initialize(face().frame, face().landmarks, face().camera)
+    mesh = tracker.mesh(first)
+    assert mesh is not None
+    np.testing.assert_allclose(mesh, face().fit.vertices() @ face().fit.R.T + face().fit.t, atol=0.05)
+    assert tracker.mesh(Estimate.lost(face().frame, "gone")) is None
+
+
+def test_landmarks_of_another_video_are_refused() -> None:
+    given = face().landmarks
+    with pytest.raises(MienError, match="outside the image"):
+        RealtimeTracker().initialize(face().frame, Landmarks(given.points + 300, given.scheme), face().camera)
+
+
+def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    predicted = tracker.pose
+    _, found = tracker.solver.refine(sequence().frames[3], tracker._prediction(tracker.pose))
+    assert found.seen(tracker.settings.seen_distance)[1] > tracker.settings.hold_share
+    assert tracker._damp(predicted, found) is found
+
+    few = found.facing & (np.arange(len(found.facing)) < 5)
+    pose = predicted.moved(np.array([0.1, 0, 0] + [0.0] * 9))
+    turned = replace(found, facing=few, pose=pose, at=found.at._replace(H=1e-2 * found.at.H))
+    held = tracker._damp(predicted, turned)
+    assert 0 < predicted.step_to(held.pose)[0] < 0.05  # most of the way back
+    sure = tracker._damp(predicted, replace(turned, at=found.at._replace(H=1e6 * found.at.H)))
+    np.testing.assert_allclose(predicted.step_to(sure.pose), predicted.step_to(turned.pose), atol=1e-4)
+
+
+@pytest.mark.parametrize("rotated", [False, True])
+def test_of_what_a_video_decodes_the_luma_is_enough(
+    rotated: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tracking decoded frames never asks for their colours, and finds what it finds in the same frames as RGB."""
+    images = [np.ascontiguousarray(np.rot90(image)) if rotated else image for image in portrait_images()]
+    path = write_video(tmp_path / "portrait.mp4", images, codec="libx264", pix_fmt="yuv420p", options={"crf": "10"})
+    if rotated:
+        turn_by_metadata(path)
+    frames = list(open_video(path))
+    found = []
+    for shown_as in ([Frame(f.pixels, f.index, f.time) for f in frames], list(open_video(path))):
+        tracker = RealtimeTracker()
+        tracker.initialize(shown_as[0], known_portrait().landmarks, known_portrait().camera)
+        found.append([tracker.track(frame).euler for frame in shown_as[1:]])
+        monkeypatch.delattr(Decoded, "rgb", raising=False)
+    np.testing.assert_allclose(np.degrees(found[1]), np.degrees(found[0]), atol=0.1)
+    assert np.ptp(np.degrees(found[1])[:, 1]) > 3
+
+
+def test_what_is_tracked_beside_the_landmarks_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No anchors at all: the face is followed, if less well."""
+    monkeypatch.setattr(person, "TRACKED", LANDMARK_VERTICES)
+    estimates = run(RealtimeTracker(), sequence())
+    assert errors_deg(estimates, sequence()).mean() < 3
+
+
+def test_a_camera_that_would_be_inside_the_face_is_refused() -> None:
+    camera = replace(face().camera, focal_px=60.0)
+    with pytest.raises(MienError, match=r"focal length of 60 pixels .* mm from the camera; give the camera's own"):
+        RealtimeTracker().initialize(face().frame, face().landmarks, camera)

@@ -1,0 +1,158 @@
+"""The reported error: a covariance that grows with the turn, a confidence that falls with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from mien.appearance.views import rotation
+from mien.arrays import Array
+from mien.geometry.rotation import FACING, exp, log
+from mien.tracking.realtime.identity import familiarity
+from mien.tracking.realtime.uncertainty import (
+    ACROSS_SD,
+    ACROSS_TURNED_SD,
+    AXES_SCALE,
+    MISFIT_DISTANCE,
+    NOISE_SCALE,
+    RELIEF_SCALE,
+    TRANSLATION_SCALE,
+    TURNED_SCALE,
+    UNIT_SCALE,
+    Reference,
+    confidence,
+    state_covariance,
+    systematic_covariance,
+    visibility,
+)
+from strategies import head_rotations, rotation_vectors
+
+RELIEF_SD = 0.1
+RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2
+SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
+ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
+NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
+PERFECT = np.zeros(26)
+STILL = np.zeros(6)
+FAMILIAR = familiarity(PERFECT, FACING, FACING)
+AXES_SD = np.radians([2.0, 1.3, 0.7])
+SCALED_AXES = AXES_SD * AXES_SCALE
+AHEAD = np.array([0.0, 0.0, 1.0])
+FIRST = Reference(FACING, AHEAD, AXES_SD)
+
+
+def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
+    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD), NOISE + ACROSS)
+
+
+def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
+    R = rotation(0, 0.5, 0)
+    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, STILL, FIRST, RELIEF_SD)
+    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, STILL, FIRST, RELIEF_SD)
+    np.testing.assert_allclose(misfit - perfect, NOISE, atol=1e-15)
+
+
+def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
+    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, STILL, FIRST, RELIEF_SD)
+    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD)
+    np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
+    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, STILL, FIRST, RELIEF_SD)).all()
+
+
+def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() -> None:
+    """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before."""
+    moved = np.array([0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
+    still = state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD)
+    expression = state_covariance(SPREAD, PERFECT, 1.0, FACING, moved, FIRST, RELIEF_SD)
+    of_brows = np.array([0, 0, 0, 1, 0, 1]) * (0.5 * UNIT_SCALE) ** 2
+    np.testing.assert_allclose(expression - still, np.diag([0.0] * 6 + of_brows.tolist()), atol=1e-15)
+
+
+@given(head_rotations(), head_rotations())
+def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
+    first = Reference(R_first, AHEAD, AXES_SD)
+    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, STILL, first, RELIEF_SD)
+    assert np.linalg.eigvalsh(covariance - NOISE).min() > -1e-12
+    there = state_covariance(SPREAD, PERFECT, 1.0, R_first, STILL, first, RELIEF_SD)
+    across = ACROSS_TURNED_SD**2 * (1 - (R[:, 2] @ R_first[:, 2]) ** 2)
+    turned = np.diag([across, across, 0.0] + [0.0] * 6)
+    np.testing.assert_allclose(covariance[3:, 3:], there[3:, 3:] + turned, atol=1e-15)
+
+
+def test_systematic_covariance_by_hand() -> None:
+    """Half a radian of pan: out of the plane by its sine, an error of pan alone; axes that are wrong in tilt or roll
+    turn with it, those wrong in pan stay so. Of roll: not out of the plane, and the other two turn."""
+    relief = RELIEF_VARIANCE * np.sin(0.5) ** 2
+    apart = 2 * (1 - np.cos(0.5))  # the length of the difference of an axis that turns and where it was, squared
+    panned = systematic_covariance(rotation(0, 0.5, 0), FIRST, RELIEF_SD)
+    assert np.trace(panned) == pytest.approx(relief + apart * (SCALED_AXES[[0, 2]] ** 2).sum())
+    assert panned[1, 1] == pytest.approx(relief)
+    rolled = systematic_covariance(rotation(0, 0, 0.5), FIRST, RELIEF_SD)
+    assert np.trace(rolled) == pytest.approx(apart * (SCALED_AXES[:2] ** 2).sum())
+    np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
+
+
+@given(head_rotations(), head_rotations())
+def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first: Array) -> None:
+    """With R exp(d) in place of every R, R_first^T R is turned by R_first^T w; d small, about each axis of the head."""
+    small = 1e-5
+    turn = np.cross(AHEAD, R @ R_first.T @ AHEAD)
+    aside = TURNED_SCALE**2 * (1 - R_first[2, 2] ** 2)  # of a face that the first frame shows from the side
+    expected = (RELIEF_VARIANCE + aside) * np.outer(turn, turn)
+    for d in np.diag(small * SCALED_AXES):
+        turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
+        w = R_first @ log(turned) / small
+        expected += np.outer(w, w)
+    np.testing.assert_allclose(
+        systematic_covariance(R, Reference(R_first, AHEAD, AXES_SD), RELIEF_SD), expected, atol=1e-7
+    )
+
+
+@given(head_rotations(), head_rotations(), rotation_vectors())
+def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
+    here = systematic_covariance(R, Reference(R_first, AHEAD, AXES_SD), RELIEF_SD)
+    there = systematic_covariance(exp(v) @ R, Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD), RELIEF_SD)
+    np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
+
+
+def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:
+    spreads = [confidence(scale * np.eye(12), 0.6, FAMILIAR) for scale in (1e-5, 1e-3, 1e-1, 10)]
+    assert spreads == sorted(spreads, reverse=True)
+    hidden = [confidence(1e-3 * np.eye(12), seen, FAMILIAR) for seen in (1, 0.7, 0.4, 0.1)]
+    assert hidden == sorted(hidden, reverse=True)
+    assert confidence(1e-4 * np.eye(12), 1.0, FAMILIAR) > 0.99
+    assert hidden[-1] < 0.05
+    assert confidence(1e9 * np.eye(12), 0.0, familiarity(np.zeros(0), FACING, FACING)) == 0
+
+
+def test_what_looks_strange_and_came_suddenly_is_hidden() -> None:
+    d2, agreement, mouth = (a.ravel() for a in np.meshgrid([20.0, 150.0, 1000.0], [0.0, 1.0], [False, True]))
+    seen = visibility(d2, np.full(12, True), agreement, mouth.astype(bool))
+    assert ((seen >= 0) & (seen <= 1)).all()
+    by_distance = seen.reshape(2, 3, 2)  # by agreement, distance, whether it is the mouth's
+    assert (np.diff(by_distance, axis=1) < 0).all()
+    assert (np.diff(by_distance, axis=0) > 0).all()
+    assert (np.diff(by_distance, axis=2) > 0).all()
+    assert (by_distance[:, 0] > 0.99).all()
+    assert (by_distance[:, 2] < 0.02).all()
+    hidden, came_slowly = by_distance[:, 1, 0]
+    assert hidden < 0.1
+    assert came_slowly > 0.5
+    assert not visibility(d2, np.full(12, False), agreement, mouth.astype(bool)).any()
+
+
+def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
+    stranger = familiarity(np.full(26, 55.0), FACING, FACING)
+    assert confidence(1e-5 * np.eye(12), 1.0, stranger) < 0.01
+    grimace = familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING)
+    assert confidence(1e-5 * np.eye(12), 1.0, grimace) > 0.9
+
+
+def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
+    """A grimace looks like somebody else."""
+    grimace = familiarity(np.full(26, 55.0), FACING, FACING)
+    believed = [confidence(1e-5 * np.eye(12), 0.5, grimace, known) for known in (0, 0.5, 1)]
+    np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
+    assert confidence(1e-5 * np.eye(12), 0.1, grimace, 1.0) < 0.05  # hardly anything is seen
+    assert confidence(1e-5 * np.eye(12), 1.0, FAMILIAR, 1.0) > 0.99
