@@ -9,7 +9,7 @@ from scipy.interpolate import LinearNDInterpolator
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.surface import Surface, _interpolate, face_surface, on_surface
 from mien.arrays import Array
-from mien.geometry.camera import Camera
+from mien.geometry.camera import Camera, line_of_sight
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks, rows_of_scheme
 from small_motion import face
@@ -67,8 +67,9 @@ def test_landmarks_with_depths_lie_where_the_fitted_model_is() -> None:
     portrait = face()
     surface = face_surface(portrait.landmarks, portrait.fit, portrait.camera)
     vertices, rows = rows_of_scheme(portrait.landmarks.scheme)
-    fitted = (portrait.fit.vertices()[vertices] @ portrait.fit.R.T + portrait.fit.t)[:, 2]
-    difference = surface.vertices[rows, 2].mean(axis=1) - fitted
+    sight = line_of_sight(portrait.landmarks.points, portrait.camera)
+    fitted = portrait.fit.vertices()[vertices] @ portrait.fit.R.T + portrait.fit.t
+    difference = (surface.vertices[rows].mean(axis=1) - fitted) @ sight
     assert abs(np.median(difference)) < 1e-9
     assert np.abs(difference).max() < 0.2
 

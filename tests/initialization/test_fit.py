@@ -8,7 +8,7 @@ import pytest
 from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError
-from mien.geometry.camera import Camera
+from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import FACING, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
 from mien.initialization.fit import (
     AXES_SD_DEG,
@@ -33,13 +33,14 @@ def _pose(seed: int) -> tuple[Array, Array]:
 
 
 def _projected(shape: Array, animation: Array, R: Array, t: Array, scheme: str, deep: bool = False) -> Landmarks:
-    """Landmarks of a face in a pose; points that belong to no vertex lie at the origin."""
+    """Landmarks of a face in a pose; points that belong to no vertex lie in the middle. deep: with depths along the
+    line of sight."""
     count = COUNTS[scheme]
     vertices, rows = rows_of_scheme(scheme)
     X = (shape + np.tensordot(animation, MODEL.animation_units, axes=1))[vertices] @ R.T + t
-    points, depths = np.zeros((count, 2)), np.zeros(count)
+    points, depths = np.tile(CAMERA.project(X.mean(axis=0))[0], (count, 1)), np.zeros(count)
     points[rows] = CAMERA.project(X)[0][:, None]
-    depths[rows] = ((X[:, 2] - t[2]) * CAMERA.focal_px / t[2])[:, None]
+    depths[rows] = ((X - t) @ line_of_sight(points, CAMERA) * CAMERA.focal_px / t[2])[:, None]
     return Landmarks(points, scheme, depths if deep else None)
 
 
@@ -63,6 +64,15 @@ def test_the_mean_face_is_recovered(scheme: str, seed: int) -> None:
     np.testing.assert_allclose(fit.t, t, atol=2e-3)
     np.testing.assert_allclose(fit.animation, 0, atol=2e-3)
     np.testing.assert_allclose(fit.shape, PRIOR.mean, atol=2e-3)
+
+
+@pytest.mark.parametrize("side_deg", [-25.0, 0.0, 25.0])
+def test_depths_are_those_along_the_line_of_sight(side_deg: float) -> None:
+    """A face at the side of the image, which looks into the camera, is not taken to look past it."""
+    turned = matrix_from_euler(np.radians([5.0, side_deg, 0.0]))
+    R, t = turned @ FACING, turned @ np.array([0.0, 0.0, 6.0])
+    fit = fit_first_frame(_projected(PRIOR.mean, REST, R, t, "mediapipe478", deep=True), CAMERA)
+    assert _degrees(fit, R) < 0.1
 
 
 @pytest.mark.parametrize("scheme", ["candide26", "ibug68"])
@@ -153,7 +163,8 @@ def test_landmarks_that_no_face_has_are_refused() -> None:
 def test_jacobian_against_differences(deep: bool) -> None:
     R, t = _pose(8)
     landmarks = _projected(PRIOR.mean, REST, R, t, "mediapipe478", deep)
-    problem = _Problem(CAMERA, PRIOR, MODEL.animation_units, *landmarks.correspondences(), R, float(t[2]))
+    sight = line_of_sight(landmarks.points, CAMERA)
+    problem = _Problem(CAMERA, PRIOR, MODEL.animation_units, *landmarks.correspondences(), sight, R, float(t[2]))
     rng = np.random.default_rng(9)
     x = 0.3 * rng.normal(size=problem.size)
     x[3:6] = t

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, Delaunay
 
 from mien.arrays import Array
 from mien.candide.model import MOUTH_TRIANGLES
-from mien.geometry.camera import Camera
+from mien.geometry.camera import Camera, at_distances, line_of_sight
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import Landmarks
 
@@ -56,14 +56,21 @@ def on_surface(points: Array, surface: Surface, camera: Camera) -> Array:
 def _interpolate(known: Array, values: Array, at: Array, outside: Array) -> Array:
     """Values at points (n, 2) of the plane, linear in the triangles between known points (k, 2) with values (k,), and
     `outside` (n,) beyond them. scipy's LinearNDInterpolator does the same, but its module takes a third of a second to
-    import."""
+    import; and the barycentric coordinates of its Delaunay call LAPACK for every triangle, which takes seconds with
+    several threads on a busy machine."""
     triangulation = Delaunay(known)
     found = triangulation.find_simplex(at)
-    affine = triangulation.transform[found]
-    weights = np.einsum("nij,nj->ni", affine[:, :2], at - affine[:, 2])
-    weights = np.column_stack([weights, 1 - weights.sum(axis=1)])
-    inside = (values[triangulation.simplices[found]] * weights).sum(axis=1)
-    return np.where((found < 0) | np.isnan(inside), outside, inside)
+    corners = triangulation.simplices[found]
+    a, b, c = (known[corners[:, k]] for k in range(3))
+    with np.errstate(divide="ignore", invalid="ignore"):  # a triangle without an area has no inside
+        areas = np.column_stack([_cross(b - at, c - at), _cross(c - at, a - at), _cross(a - at, b - at)])
+        inside = (values[corners] * areas).sum(axis=1) / _cross(b - a, c - a)
+    return np.where((found < 0) | ~np.isfinite(inside), outside, inside)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Twice the signed areas (n,) of the triangles that vectors a, b (n, 2) span."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _from_depths(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Array:
@@ -72,22 +79,24 @@ def _from_depths(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Array
     known, _, depths = landmarks.correspondences()
     assert depths is not None
     unit = float(fit.t[2]) / camera.focal_px  # CANDIDE units in a pixel at the distance of the face
-    fitted = (fit.vertices()[known] @ fit.R.T + fit.t)[:, 2]
-    Z = np.median(fitted - depths * unit) + landmarks.depths[:_MESH_POINTS] * unit
-    ray = (landmarks.points[:_MESH_POINTS] - [camera.cx, camera.cy]) / camera.focal_px
-    return np.column_stack([ray * Z[:, None], Z])
+    sight = line_of_sight(landmarks.points, camera)
+    fitted = (fit.vertices()[known] @ fit.R.T + fit.t) @ sight
+    distances = np.median(fitted - depths * unit) + landmarks.depths[:_MESH_POINTS] * unit
+    return at_distances(landmarks.points[:_MESH_POINTS], distances, sight, camera)
 
 
 def _with_skirt(vertices: Array, triangles: NDArray[np.intp], camera: Camera) -> Surface:
     outline = ConvexHull(camera.project(vertices)[0]).vertices
     ring = vertices[outline]
-    outwards = ring - vertices.mean(axis=0)
-    outwards[:, 2] = 0
+    middle = vertices.mean(axis=0)
+    sight = middle / np.linalg.norm(middle)
+    outwards = ring - middle
+    outwards -= (outwards @ sight)[:, None] * sight
     outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
     parts, strips, inner = [vertices], [triangles], outline
     for distance, backwards in _SKIRT:
         outer = sum(len(p) for p in parts) + np.arange(len(ring))
-        parts.append(ring + outwards * distance + [0, 0, backwards])
+        parts.append(ring + outwards * distance + sight * backwards)
         after_inner, after_outer = np.roll(inner, -1), np.roll(outer, -1)
         strips += [np.column_stack([inner, after_inner, outer]), np.column_stack([after_inner, after_outer, outer])]
         inner = outer
@@ -98,5 +107,5 @@ def _with_skirt(vertices: Array, triangles: NDArray[np.intp], camera: Camera) ->
 def _facing(vertices: Array, triangles: NDArray[np.intp], camera: Camera) -> NDArray[np.intp]:
     """Order the corners of the triangles so that each faces the camera of the first frame."""
     a, b, c = (camera.project(vertices)[0][triangles[:, k]] for k in range(3))
-    away = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
+    away = _cross(b - a, c - a) > 0
     return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)

@@ -84,16 +84,30 @@ class Camera:
         return J
 
 
-def back_project(points: Array, camera: Camera) -> Array:
-    """Back-project pixels with relative depths in pixels to camera axes, with the head's centre at a distance of one
-    focal length.
+def line_of_sight(points: Array, camera: Camera) -> Array:
+    """Unit vector (3,) in camera axes towards the middle of image points (n, 2), that of a box around them."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    u, v = (middle - [camera.cx, camera.cy]) / camera.focal_px
+    ray = np.array([u, v, 1.0])
+    return np.asarray(ray / np.linalg.norm(ray))
 
-    (n, 3) -> (n, 3); at that distance one pixel corresponds to one unit of length.
+
+def at_distances(points: Array, distances: Array, sight: Array, camera: Camera) -> Array:
+    """Points (n, 3) in camera axes that are seen at image points (n, 2), at distances (n,) along a line of sight
+    (3,)."""
+    rays = np.column_stack([(points - [camera.cx, camera.cy]) / camera.focal_px, np.ones(len(points))])
+    return np.asarray(rays * (distances / (rays @ sight))[:, None])
+
+
+def back_project(points: Array, camera: Camera) -> Array:
+    """Back-project pixels with relative depths in pixels to camera axes, with the head's centre at a depth of one focal
+    length.
+
+    (n, 3) -> (n, 3); there one pixel corresponds to one unit of length. A network that sees a face in a crop gives its
+    depths along the line of sight to it, whatever the place in the image.
     """
-    z = camera.focal_px + points[:, 2]
-    x = (points[:, 0] - camera.cx) * z / camera.focal_px
-    y = (points[:, 1] - camera.cy) * z / camera.focal_px
-    return np.column_stack([x, y, z])
+    sight = line_of_sight(points[:, :2], camera)
+    return at_distances(points[:, :2], camera.focal_px / sight[2] + points[:, 2], sight, camera)
 
 
 NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]

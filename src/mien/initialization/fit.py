@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mien.arrays import Array
 from mien.candide.model import Candide, mm_per_unit
 from mien.errors import require
-from mien.geometry.camera import Camera
+from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, hat, left_jacobian, matrix_from_euler, ray_rotation
 from mien.initialization.landmarks import Landmarks
 from mien.initialization.posit import posit
@@ -105,7 +105,8 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
         f"the face model has {len(model.mean)} vertices; tracking needs the {len(Candide.default().mean)} of CANDIDE-3",
     )
     R, t = posit(model.mean[vertices], points, camera)
-    problem = _Problem(camera, prior, model.animation_units, vertices, points, depths, R, float(t[2]))
+    sight = line_of_sight(landmarks.points, camera)
+    problem = _Problem(camera, prior, model.animation_units, vertices, points, depths, sight, R, float(t[2]))
     x0 = np.zeros(problem.size)
     x0[3:6] = t
     x = _minimize(problem, x0)
@@ -193,10 +194,13 @@ class _Problem:
         vertices: NDArray[np.intp],
         points: Array,
         depths: Array | None,
+        sight: Array,
         R: Array,
         distance: float,
     ) -> None:
+        """sight: (3,) along which the depths are."""
         self.camera, self.points, self.depths, self.R = camera, points, depths, R
+        self.sight = sight
         self.mean = prior.mean[vertices]
         self.fields = np.concatenate([animation_units[:, vertices], prior.basis[:, vertices]])
         self.prior_sd = np.concatenate([np.full(len(animation_units), ANIMATION_SD), np.ones(len(prior.basis))])
@@ -230,7 +234,7 @@ class _Problem:
         p = self.camera.project(X)[0]
         r = [((p - self.points) / (LANDMARK_SD * self.pixels_per_unit)).ravel()]
         if self.depths is not None:
-            r.append((X[:, 2] - x[-1] - self.depths / self.pixels_per_unit) / DEPTH_SD)
+            r.append((X @ self.sight - x[-1] - self.depths / self.pixels_per_unit) / DEPTH_SD)
         r.append(x[6 : 6 + len(self.fields)] / self.prior_sd)
         return np.concatenate(r)
 
@@ -247,7 +251,7 @@ class _Problem:
         J_pixel = np.einsum("nij,njk->nik", self.camera.J_pixel_point(X), J_point)
         rows = [J_pixel.reshape(2 * n, -1) / (LANDMARK_SD * self.pixels_per_unit)]
         if self.depths is not None:
-            J_depth = J_point[:, 2].copy()
+            J_depth = np.einsum("i,nij->nj", self.sight, J_point)
             J_depth[:, -1] = -1.0
             rows.append(J_depth / DEPTH_SD)
         J_prior = np.zeros((len(self.fields), self.size))

@@ -69,7 +69,7 @@ def test_a_known_face_is_known_again_after_a_single_frame_of_something_else(
     tracker = RealtimeTracker()
     first = make_sequence(face(), moved(face(), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6)))).frames[0]
     tracker.initialize(first, face().landmarks, face().camera)
-    monkeypatch.setattr("mien.tracking.realtime.familiarity", lambda *of: 0.0)
+    monkeypatch.setattr("mien.tracking.realtime.tracker.familiarity", lambda *of: 0.0)
     for _ in range(14):
         tracker.track(first)
     before = tracker.identity.probability

@@ -30,7 +30,7 @@ COUNT = len(sequence().frames)
 
 @pytest.fixture(autouse=True)
 def _without_detector(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mien.tracking.realtime.find_by_detector", lambda *_: iter(()))
+    monkeypatch.setattr("mien.tracking.realtime.tracker.find_by_detector", lambda *_: iter(()))
 
 
 def _changed(change: Callable[[Array], Array], rows: Iterable[int]) -> SyntheticSequence:
@@ -101,7 +101,7 @@ def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytes
         thorough[frame.index] = everywhere
         return iter(())
 
-    monkeypatch.setattr("mien.tracking.realtime.find_by_detector", by_detector)
+    monkeypatch.setattr("mien.tracking.realtime.tracker.find_by_detector", by_detector)
     tracker = RealtimeTracker(RealtimeSettings(recovery_interval=2, recovery_patience=10))
     tracker.initialize(frames[0], face().landmarks, face().camera)
     monkeypatch.setattr(tracker.keyframes, "find", lambda frame, _: known.append(frame.index))
