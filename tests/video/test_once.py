@@ -36,10 +36,23 @@ def test_frames_of_a_program_are_numbered_from_zero() -> None:
 def test_frames_of_a_program_are_frames_and_numbered() -> None:
     with pytest.raises(MienError, match=r"is no frame; give each as mien\.Frame"):
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]
-    with pytest.raises(MienError, match="frame 0 comes after frame 0; number them"):
-        list(open_video([Frame(gradient(0)), Frame(gradient(1))]))
-    with pytest.raises(MienError, match=r"frame 1 has the time 0 s after 0 s; give increasing seconds, .*perf_counter"):
-        list(open_video([Frame(gradient(0), 0), Frame(gradient(1), 1)]))
+
+
+def test_a_program_goes_on_where_its_indices_and_times_do_not() -> None:
+    """As where a camera repeats a time stamp, or begins anew after a failure: what was learned must not be lost."""
+    stated = [(0, 5.0), (1, 5.1), (2, 5.1), (3, 5.2), (3, float("nan")), (0, 0.0), (1, 0.1)]
+    given = [Frame(gradient(k), *stamp) for k, stamp in enumerate(stated)]
+    with pytest.warns(MienWarning) as warned:
+        frames = list(open_video(given))
+    assert [frame.index for frame in frames] == [0, 1, 2, 3, 4, 5, 6]
+    times = np.array([frame.time for frame in frames])
+    np.testing.assert_allclose(times, [5.0, 5.1, 5.1 + 1 / 30, 5.2, 5.2 + 1 / 30, 5.2 + 2 / 30, 5.3 + 2 / 30])
+    for frame, known in zip(frames, given, strict=True):
+        np.testing.assert_array_equal(frame.pixels, known.pixels)
+    texts = [str(warning.message) for warning in warned]
+    assert len(texts) == 2  # one of the times that do not increase, one of the clock that was set back
+    assert "frame 2 at 5.1 s comes after frame 1 at 5.1 s" in texts[0]
+    assert "time jumps back" in texts[1]
 
 
 def test_camera_that_is_not_there() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mien.errors import require, warn
 from mien.frame import Decoded, Display, Frame
+from mien.video.clock import Clock
 from mien.video.container import decoded_images, open_container, shown_stream
 from mien.video.folder import FOLDER_FPS
 from mien.video.scaling import same_size
@@ -19,8 +20,6 @@ VIDEO_SUFFIXES = (
     ".ogv", ".ts", ".vob", ".webm", ".wmv",
 )  # fmt: skip
 """What counts as a video when a folder is searched; a file given by name may have any suffix."""
-_JUMP_S = 1.0
-"""A backward step in time larger than this means that files were joined; a smaller one is a single wrong time stamp."""
 _MAXIMUM_ASPECT = 4.0
 """Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
 
@@ -82,19 +81,13 @@ class VideoFile:
 
     def _frames(self) -> Iterator[Frame]:
         display = Display()
-        count, time, until, damaged = 0, self.begin, self.begin, False
-        offset = 0.0  # added to the time stamps after a backward jump
+        count, damaged, clock = 0, False, Clock(self.name, self.begin)
         for image in decoded_images(self.path):
             if image is None:
                 damaged = True
                 continue
-            stamp = until if image.time is None else float(image.time) + offset
-            if count > 0 and stamp < time - _JUMP_S:
-                if offset == 0:
-                    warn(f"{self.path}: time jumps back from {time:.2f} to {stamp:.2f} s; later times are shifted")
-                offset += until - stamp
-            time = stamp if count == 0 or stamp > time else until
-            until = time + (float(image.duration * image.time_base) if image.duration else 1 / self.fps)
+            duration = float(image.duration * image.time_base) if image.duration else 1 / self.fps
+            time = clock.time_of(None if image.time is None else float(image.time), duration)
             yield Frame(Decoded(image, display, self.aspect), count, time)
             count += 1
         require(
@@ -102,9 +95,9 @@ class VideoFile:
             f"{self.path}: no frame could be decoded; the file is empty, damaged, or of a kind that is not supported; "
             "convert it to MP4",
         )
-        if damaged or self._ends_early(count, until):
+        if damaged or self._ends_early(count, clock.until):
             of = f" of {self.declared}" if self.declared else ""
-            warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {time:.2f} s")
+            warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {clock.time:.2f} s")
 
     def _ends_early(self, count: int, until: float) -> bool:
         """Whether frames are missing after `until`; without a stated count, the duration may be that of the audio."""

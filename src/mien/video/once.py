@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
@@ -12,8 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mien.errors import require
+from mien.errors import require, warn
 from mien.frame import Frame
+from mien.video.clock import Clock
 from mien.video.scaling import same_size
 
 
@@ -64,20 +64,23 @@ class GivenFrames:
         return same_size(self._checked(), self.name)
 
     def _checked(self) -> Iterator[Frame]:
-        last, time = -1, -math.inf
+        last, clock, regular = -1, Clock(self.name), True
         for frame in self.frames:
             require(
                 isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)"
             )
             require(frame.index >= 0, f"a frame has the index {frame.index}; count them from 0")
-            require(
-                frame.index > last,
-                f"frame {frame.index} comes after frame {last}; number them in order: mien.Frame(pixels, index, time)",
-            )
-            require(
-                frame.time > time,
-                f"frame {frame.index} has the time {frame.time:g} s after {time:g} s; give increasing seconds, as in "
-                "mien.Frame(pixels, index, time.perf_counter())",
-            )
-            last, time = frame.index, frame.time
-            yield frame
+            before = clock.time
+            index, time = max(frame.index, last + 1), clock.time_of(frame.time, 1 / self.fps)
+            if (index, time) == (frame.index, frame.time):
+                yield frame
+            else:
+                if regular:
+                    warn(
+                        f"{self.name}: frame {frame.index} at {frame.time:g} s comes after frame {last} at "
+                        f"{before:g} s; it is counted on from there. Give each the next index and a later time, as in "
+                        "mien.Frame(pixels, index, time.perf_counter())"
+                    )
+                regular = False
+                yield Frame(frame.image, index, time)
+            last = index

@@ -1,0 +1,33 @@
+"""The times of frames, which increase whatever their source states."""
+
+from __future__ import annotations
+
+import math
+
+from mien.errors import warn
+
+_JUMP_S = 1.0
+"""A backward step in time larger than this means that files were joined, or that a clock was set; a smaller one is a
+single wrong time stamp."""
+
+
+class Clock:
+    """Makes time stamps increase: a wrong one is replaced by the end of the frame before, and after a jump back all
+    later ones are shifted, with a warning."""
+
+    def __init__(self, name: str, begin: float = 0.0) -> None:
+        """name: of the source; begin: seconds, the time of a first frame without one."""
+        self.name, self.until = name, begin
+        self.time = -math.inf
+        self.offset = 0.0  # added to what is stated after a jump back
+
+    def time_of(self, stated: float | None, duration: float) -> float:
+        """The time in seconds of the next frame. stated: None or NaN if it is not; duration: seconds."""
+        stamp = self.until if stated is None or math.isnan(stated) else stated + self.offset
+        if stamp < self.time - _JUMP_S:
+            if self.offset == 0:
+                warn(f"{self.name}: time jumps back from {self.time:.2f} to {stamp:.2f} s; later times are shifted")
+            self.offset += self.until - stamp
+        self.time = stamp if stamp > self.time else self.until
+        self.until = self.time + duration
+        return self.time
