@@ -76,7 +76,9 @@ LandmarkFile = Annotated[
 ]
 CameraFile = Annotated[Path | None, typer.Option(help='JSON {"focal_px": .., "cx": .., "cy": ..}.')]
 Focal = Annotated[float | None, typer.Option(help="Focal length in pixels.", metavar="PX")]
-Fov = Annotated[float | None, typer.Option(help="Horizontal field of view; 60 if not given.", metavar="DEG")]
+Fov = Annotated[
+    float | None, typer.Option(help="Horizontal field of view; otherwise 60 along the longer side.", metavar="DEG")
+]
 Start = Annotated[float | None, typer.Option(help="Start at this time.", metavar="SECONDS")]
 End = Annotated[float | None, typer.Option(help="Stop before this time.", metavar="SECONDS")]
 AtOnce = Annotated[

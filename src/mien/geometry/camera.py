@@ -15,7 +15,7 @@ from mien.arrays import Array
 from mien.errors import require
 
 DEFAULT_FOV_DEG = 60.0
-"""Horizontal field of view assumed for an unknown camera."""
+"""Field of view assumed for an unknown camera along the longer side of its image."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,12 @@ class Camera:
         """Centred camera for an image of this size in pixels, with a horizontal field of view in degrees."""
         require(0 < fov_deg < 180, f"the field of view must lie between 0 and 180 degrees, not {fov_deg:g}")
         return cls.centred(0.5 * width / math.tan(math.radians(fov_deg) / 2), width, height)
+
+    @classmethod
+    def unknown(cls, width: int, height: int) -> Camera:
+        """The camera assumed for an image of this size in pixels of which nothing is known. A phone that is held
+        upright sees as much along its longer side as one that is held across."""
+        return cls.centred(cls.from_fov(max(width, height), 1).focal_px, width, height)
 
     @classmethod
     def centred(cls, focal_px: float, width: int, height: int) -> Camera:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from mien.errors import MienError, require, warn
 from mien.frame import Frame
-from mien.geometry.camera import DEFAULT_FOV_DEG, Camera
+from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
 from mien.video import Video, expected_count, select
 
@@ -24,8 +24,8 @@ _WIDEST_DEG = 150.0
 class Footage:
     """The part of a video to track, and what is known about its camera.
 
-    camera: a camera or its JSON file; or focal_px; or fov_deg (horizontal); by default 60 degrees. start, end: seconds,
-    a half-open interval.
+    camera: a camera or its JSON file; or focal_px; or fov_deg (horizontal); by default `Camera.unknown`. start, end:
+    seconds, a half-open interval.
     """
 
     video: Video
@@ -65,9 +65,10 @@ class Footage:
         """The camera for images of the size of this frame. Raises MienError if its field of view is too wide."""
         if self.focal_px is not None:
             camera = Camera.centred(self.focal_px, frame.width, frame.height)
+        elif self.fov_deg is not None:
+            camera = Camera.from_fov(frame.width, frame.height, self.fov_deg)
         elif self.camera is None:
-            fov_deg = DEFAULT_FOV_DEG if self.fov_deg is None else self.fov_deg
-            camera = Camera.from_fov(frame.width, frame.height, fov_deg)
+            camera = Camera.unknown(frame.width, frame.height)
         else:
             camera = self.camera if isinstance(self.camera, Camera) else read_camera(self.camera, frame)
         widest = 0.5 * frame.width / math.tan(math.radians(_WIDEST_DEG) / 2)

@@ -72,7 +72,7 @@ class Sequence:
             return Camera.centred(self.focal_px, width, height)
         if self.focal_per_width is not None:
             return Camera.centred(self.focal_per_width * width, width, height)
-        return Camera.from_fov(width, height)
+        return Camera.unknown(width, height)
 
     def with_focal(self, focal_px: float) -> Sequence:
         """The same sequence with another focal length in pixels and an unchanged principal point."""
