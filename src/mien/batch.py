@@ -88,8 +88,8 @@ class BatchOptions:
 class Row:
     """One face of a video in the summary.
 
-    faces: number of faces in the video; lost, unsure: number of frames without the face, and with a confidence below
-    one half; begun: time in seconds of the first frame; note: the error, or the warnings.
+    faces: number of faces in the video; lost, unsure: number of frames without the face, and of those with it at a
+    confidence below one half; begun: time in seconds of the first frame; note: the error, or the warnings.
     """
 
     video: Path
@@ -296,7 +296,8 @@ def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
 def _with_counts(row: Row, track: Track) -> Row:
     """The row with the counts from a track of its video."""
     begun = track.time[track.status.index(Status.INITIALIZED)] if Status.INITIALIZED in track.status else None
-    unsure = int((np.nan_to_num(track.confidence) < 0.5).sum())
+    sure = np.nan_to_num(track.confidence) >= 0.5
+    unsure = sum(status != Status.LOST and not of for status, of in zip(track.status, sure, strict=True))
     faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
     return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
 

@@ -75,7 +75,7 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
             patience, seen = Patience(patience.camera), frame.time
             warn_if_turned(estimate, footage.video)
         else:
-            estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame)
+            estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame, patience)
         doubtful = estimate.confidence <= _DOUBTFUL
         if not doubtful:
             seen, patience.first_detection = frame.time, None

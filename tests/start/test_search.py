@@ -13,8 +13,9 @@ import pytest
 import mien
 from long_motion import NOISE_SD
 from mien.arrays import Array
-from mien.errors import MienWarning
+from mien.errors import MienError, MienWarning
 from mien.frame import Frame
+from mien.geometry.camera import line_of_sight
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
 from mien.start import search
@@ -67,13 +68,14 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
 
 
 def _true_look(sequence: SyntheticSequence, index: int) -> Landmarks:
-    """What a perfect detector would find in a frame: MediaPipe's points that are vertices, and the others nowhere."""
-    posed = face().fit.vertices(sequence.animation[index]) @ sequence.R[index].T + sequence.t[index]
+    """What a perfect detector would find in a frame: MediaPipe's points that are vertices, and the others in the
+    middle."""
     vertices, rows = rows_of_scheme("mediapipe478")
-    points, depths = np.zeros((478, 2)), np.zeros(478)
-    points[rows] = face().camera.project(posed[vertices])[0][:, None]
-    unit = face().camera.focal_px / sequence.t[index, 2]
-    depths[rows] = ((posed[vertices, 2] - sequence.t[index, 2]) * unit)[:, None]
+    relative = face().fit.vertices(sequence.animation[index])[vertices] @ sequence.R[index].T
+    posed, camera = relative + sequence.t[index], face().camera
+    points, depths = np.tile(camera.project(posed.mean(axis=0))[0], (478, 1)), np.zeros(478)
+    points[rows] = camera.project(posed)[0][:, None]
+    depths[rows] = (relative @ line_of_sight(points, camera) * camera.focal_px / sequence.t[index, 2])[:, None]
     return Landmarks(points, "mediapipe478", depths, index, index / FPS, "detected face")
 
 
@@ -139,7 +141,7 @@ def test_who_asks_for_it_begins_at_once(detector: set[int], video: Path, turning
     assert prepare(Footage(Live(turning.frames), face().camera), at_once=True).first.index == 0
 
 
-@pytest.mark.parametrize(("patience_s", "index"), [(3.0, 12), (0.15, 4)])
+@pytest.mark.parametrize(("patience_s", "index"), [(3.0, 11), (0.15, 4)])
 def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
     patience_s: float, index: int, detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,6 +154,15 @@ def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
     assert len(list(begin.frames)) == len(PANS_DEG) - index
     assert camera.shown == len(PANS_DEG)
     assert [(e.index, e.status) for e in begin.passed] == [(k, Status.LOST) for k in range(index)]
+    assert {e.reason for e in begin.passed} == {"waiting for the face to look into the camera"}
+
+
+def test_frames_that_end_before_the_face_looks_into_the_camera(detector: set[int], turning: SyntheticSequence) -> None:
+    with pytest.raises(MienError, match=r"no face looks into the camera in its 5 frames .*; at_once learns"):
+        prepare(Footage(Live(turning.frames[:5]), face().camera))
+    detector.update(range(5))
+    with pytest.raises(MienError, match="no face was found in its 5 frames"):
+        prepare(Footage(Live(turning.frames[:5]), face().camera))
 
 
 def test_a_face_that_was_away_is_waited_for_anew(

@@ -131,15 +131,15 @@ def _begin_with_a_face(opening: _Opening, report: Callable[[Estimate], None], sh
     """The start with the first frame that shows a face, or with a better one."""
     footage, camera = opening.footage, opening.camera
     passed = list[Estimate]()
+    patience = None if footage.repeatable or opening.at_once else Patience(camera, opening.face)
 
     def without_face(frame: Frame) -> None:
         show(frame)
-        estimate = before_start(frame)
+        estimate = before_start(frame, patience)
         report(estimate)
         if not footage.repeatable:
             passed.append(estimate)
 
-    patience = None if footage.repeatable or opening.at_once else Patience(camera, opening.face)
     first, landmarks = find_face(opening.frames, footage.video.name, without_face, patience, opening.face)
     better = best_look(first, landmarks, camera, footage) if footage.repeatable and not opening.at_once else None
     begin = opening.start(first, landmarks, passed, reported=first.index)
@@ -201,9 +201,10 @@ def _rounded_as_saved(landmarks: Landmarks) -> Landmarks:
     )
 
 
-def before_start(frame: Frame) -> Estimate:
-    """The estimate for a frame before tracking starts: lost."""
-    return Estimate.lost(frame, "no face was seen yet")
+def before_start(frame: Frame, patience: Patience | None = None) -> Estimate:
+    """The estimate for a frame before tracking starts: lost. patience: that of a search that may have seen a face."""
+    waiting = patience is not None and patience.first_detection is not None
+    return Estimate.lost(frame, "waiting for the face to look into the camera" if waiting else "no face was seen yet")
 
 
 def before_landmarks(frame: Frame) -> Estimate:

@@ -66,8 +66,13 @@ def find_face(
         found = next(((frame, faces) for frame in recorded() if (faces := patience(frame))), None)
     if found is None:
         place = "" if at is None else f" at {at[0]:g}, {at[1]:g}"
+        frames_searched = f"in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s"
+        if patience is not None and patience.first_detection is not None:
+            raise MienError(
+                f"{name}: no face looks into the camera{place} {frames_searched}; at_once learns one as it is"
+            )
         raise MienError(
-            f"{name}: no face was found{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s; "
+            f"{name}: no face was found{place} {frames_searched}; "
             "annotate one and pass --landmarks, or enlarge or brighten the video"
         )
     first, faces = found
