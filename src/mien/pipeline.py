@@ -59,6 +59,13 @@ class FittedTracker(Protocol):
 
 
 @runtime_checkable
+class ShapeTracker(Protocol):
+    """A tracker that learns the depths of the landmarks while it tracks."""
+
+    def landmark_depths(self, R: Array, t: Array, animation: Array, closed: float) -> Array: ...
+
+
+@runtime_checkable
 class RepeatableTracker(Protocol):
     """A tracker that can start again with what it has learned."""
 
@@ -88,16 +95,17 @@ def track(
     """Track the face of a video file, a folder of images, a camera (its number) or an iterable of `mien.Frame`.
 
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected by default. camera: a
-    camera or its JSON file; or focal_px; or fov_deg (horizontal); by default 60 degrees. start, end: seconds. at_once:
-    learn the face from the first frame that shows it; by default, from the best frame within ten seconds of its looking
-    into the camera (file), or from the first in which it does (live camera). face: a point of the image, in pixels, on
-    the face to track; by default the largest face. passes: 2 tracks a file twice, the second time with the face shape
-    learned in the first: more accurate, half as fast. save: path of NAME.csv, with NAME.json and NAME.parquet beside
-    it; overlay: an `.mp4`; plot: a `.png`; show: display the overlay in a window while tracking.
+    camera or its JSON file; or focal_px; or fov_deg (horizontal); by default 60 degrees along the longer side. start,
+    end: seconds. at_once: learn the face from the first frame that shows it; by default, from the best frame within ten
+    seconds of its looking into the camera (file), or from the first in which it does (live camera). face: a point of
+    the image, in pixels, on the face to track; by default the largest face. passes: 2 tracks a file twice, the second
+    time with the face shape learned in the first: more accurate, half as fast. save: path of NAME.csv, with NAME.json
+    and NAME.parquet beside it; overlay: an `.mp4`; plot: a `.png`; show: display the overlay in a window while
+    tracking.
 
-    If tracking is interrupted (Ctrl-C, window closed, error), the frames tracked so far are written to `save` and
-    `plot` before the exception propagates, and `complete` in NAME.json is false. If that happens in the second pass,
-    the files are those of the first. Raises MienError for bad input.
+    If tracking is interrupted (Ctrl-C, window closed, error), the frames tracked so far are written to `save`, and with
+    it to `plot`, before the exception propagates, and `complete` in NAME.json is false. If that happens in the second
+    pass, the files are those of the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
@@ -175,7 +183,8 @@ def _run_pass(this: Pass) -> tuple[Track, Pass]:
             if this.number == 1 and this.begin.instead is not None and this.begin.has_strayed(earlier):
                 this = _begun_anew(this, replace(this.begin.instead, reported=max(earlier) + 1))
                 tracker = this.tracker
-                earlier = {estimate.index: estimate for estimate in run_back(tracker, this.begin)}
+                earlier.clear()  # they are another person's
+                earlier.update((estimate.index, estimate) for estimate in run_back(tracker, this.begin))
             tracker = _next_tracker(this) if earlier else tracker
             _run_forward(this, tracker, earlier, recorder)
         except BaseException as raised:
@@ -216,7 +225,7 @@ def _run_forward(this: Pass, tracker: Tracker, earlier: dict[int, Estimate], rec
             is_earlier = earlier.pop(frame.index, None) is not None
             draw(frame, estimate, this.tracker if is_earlier else tracker)
             if estimate.status is Status.INITIALIZED and this.number == 1:
-                warn_if_turned(estimate, this.begin.footage.video)
+                warn_if_turned(estimate, this.begin.footage.video, this.face_id)
             if frame.index >= this.begin.reported and not is_earlier:
                 this.report(estimate)
 
@@ -234,21 +243,38 @@ def _write_stopped(this: Pass, tracker: Tracker, recorder: Recorder, error: Base
 
 
 def _track_of(this: Pass, tracker: Tracker, recorder: Recorder, stopped: str | None = None) -> Track:
-    """The recorded track, with its rotations expressed in the head axes as the tracker finally knows them."""
+    """The recorded track, with its rotations in the head axes, and its landmarks in space with the shape, as the
+    tracker finally knows them."""
     track = recorder.track(metadata(this, recorder, stopped))
     report_anew = getattr(getattr(tracker, "axes", None), "report_anew", None)
-    return track.turned(report_anew()) if callable(report_anew) else track
+    track = track.turned(report_anew()) if callable(report_anew) else track
+    return track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
 
 
-def warn_if_turned(first: Estimate, video: Video) -> None:
-    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned."""
+def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Array:
+    """Depths (n, m) in millimetres of the landmarks of a track by the final shape, NaN where the face is lost."""
+    depths = np.full((len(track), len(recorder.landmark_names)), np.nan)
+    if track.translation_mm is None or track.animation is None:
+        return depths
+    t, closed = track.translation_mm / recorder.mm_per_unit, track.eyes_closed
+    closed = np.zeros(len(track)) if closed is None else np.nan_to_num(closed)
+    for k, R in enumerate(recorder.model_rotations):
+        if not np.isnan(R).any():
+            depths[k] = tracker.landmark_depths(R, t[k], track.animation[k], float(closed[k]))
+    return depths * recorder.mm_per_unit
+
+
+def warn_if_turned(first: Estimate, video: Video, face_id: int = 0) -> None:
+    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned. face_id:
+    index of the face in the video."""
     if first.rotation is None or first.translation is None:
         return
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
         remedy = "begin" if video.path is None else "use --start to begin"
+        face = f"face {face_id}" if face_id else "the face"
         warn(
-            f"{video.name}: the face is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
+            f"{video.name}: {face} is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
             f"and all angles will be less certain; {remedy} where it looks into the camera"
         )
 

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError
 from mien.frame import Frame
@@ -200,6 +201,23 @@ def test_every_rotation_is_turned_alike(track: Track) -> None:
     assert turned.table.column_names == track.table.column_names
     assert turned.table.drop_columns(list(ROTATION)) == track.table.drop_columns(list(ROTATION))
     assert turned.table["pose_Rx"].null_count == track.table["pose_Rx"].null_count > 0
+
+
+def test_landmarks_in_space_move_along_their_rays(track: Track) -> None:
+    def in_space(of: Track) -> Array:
+        return np.stack([[of.table[f"{axis}_{k}"].to_numpy() for k in range(3)] for axis in "XYZ"]).T
+
+    before = in_space(track)
+    depths = np.stack([[900.0, 1000, np.nan], [np.nan] * 3, [np.nan] * 3, [1100, 1100, 1100]])
+    moved = track.with_depths(depths)
+    after = in_space(moved)
+    known = ~np.isnan(depths)
+    np.testing.assert_allclose(after[..., 2][known], depths[known])
+    np.testing.assert_allclose(after[~known], before[~known])
+    rays = after[..., :2] / after[..., 2:]
+    np.testing.assert_allclose(rays, before[..., :2] / before[..., 2:], atol=1e-5)
+    assert moved.table.column_names == track.table.column_names
+    assert moved.table["X_0"].null_count == track.table["X_0"].null_count > 0
 
 
 def test_columns_of_your_own_stay_behind_those_of_mien(track: Track) -> None:

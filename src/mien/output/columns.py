@@ -176,6 +176,19 @@ def rotate_rows(table: pa.Table, R: Array) -> pa.Table:
     return table
 
 
+def move_along_rays(table: pa.Table, depths: Array) -> pa.Table:
+    """The table with landmark k of every row at a depth (n, m) in millimetres, on the ray on which it is; those whose
+    depth is NaN stay."""
+    decimals = next(group.decimals for group in _OTHER if "Z" in group.names)
+    for k, wanted in enumerate(depths.T):
+        Z = table.column(f"Z_{k}").to_numpy()
+        ratio = np.where(np.isnan(wanted), 1.0, wanted / Z)
+        for name in (f"{axis}_{k}" for axis in "XYZ"):
+            moved = np.round(table.column(name).to_numpy() * ratio, decimals)
+            table = table.set_column(table.column_names.index(name), name, pa.array(moved, from_pandas=True))
+    return table
+
+
 def column_type(name: str) -> pa.DataType | None:
     """Type of the column with this name; None for a column that is not mien's."""
     stem, _, number = name.rpartition("_")

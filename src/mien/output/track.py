@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import mmap
 import tempfile
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from csv import Error as CSVError
@@ -35,6 +37,7 @@ from mien.output.columns import (
     estimate_from_row,
     import_pandas,
     mark_lost,
+    move_along_rays,
     rotate_rows,
     sort_columns,
     table_from_estimates,
@@ -163,6 +166,13 @@ class Track:
             return self
         return replace(self, table=rotate_rows(self.table, R))
 
+    def with_depths(self, depths: Array) -> Track:
+        """The track with its landmarks in space (n, m) at other depths, in millimetres, on the same rays; those whose
+        depth is NaN stay."""
+        if "Z_0" not in self.table.column_names:
+            return self
+        return replace(self, table=move_along_rays(self.table, depths))
+
     def estimates(self) -> Iterator[Estimate]:
         """The estimate of every frame as stored in the table: rounded, and without covariance."""
         names = tuple(self.metadata.get("landmark_names", ()))
@@ -180,7 +190,8 @@ class Track:
         try:
             frame: pd.DataFrame = self.table.to_pandas()
         except ImportError as error:
-            raise MienError("to_pandas needs pandas; install it with pip install pandas, or use to_arrow") from error
+            remedy = 'pip install pandas "numpy<2" where MediaPipe is installed, else pip install pandas'
+            raise MienError(f"to_pandas needs pandas; install it ({remedy}), or use to_arrow") from error
         return frame
 
     def save(self, path: str | Path) -> tuple[Path, Path, Path]:
@@ -277,6 +288,7 @@ class Recorder:
         self.landmark_names: tuple[str, ...] = ()
         self.mm_per_unit = 1.0
         self._buffer: list[Estimate] = []
+        self._model_rotations = array("d")
         with named_errors(self.path):
             folder = None if path is None else path.parent
             self._file: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by __exit__
@@ -291,6 +303,8 @@ class Recorder:
     def add(self, estimate: Estimate) -> None:
         """Append one row."""
         self._buffer.append(estimate)
+        R = estimate.model_rotation
+        self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
         if estimate.landmarks is not None:
             self.landmark_names = estimate.landmarks.names
         if estimate.status.success:
@@ -298,6 +312,11 @@ class Recorder:
         self.count += 1
         if len(self._buffer) >= BATCH:
             self._flush()
+
+    @property
+    def model_rotations(self) -> Array:
+        """(n, 3, 3) `Estimate.model_rotation` of all rows, NaN where there is none."""
+        return np.array(self._model_rotations).reshape(-1, 3, 3)
 
     def track(self, metadata: Mapping[str, Any]) -> Track:
         """The track of all rows so far; they stay in the file and are read on demand."""

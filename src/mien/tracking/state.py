@@ -67,8 +67,9 @@ class Estimate:
     rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
     of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
     corrects what has turned since the first frame, whose own error is not in it; confidence in [0, 1]: the
-    probability that the rotation is right to 5 degrees. What a tracker does not estimate is None. mm_per_unit converts
-    lengths at the boundary.
+    probability that the rotation is right to 5 degrees; model_rotation: (3, 3) from the axes of the fitted model, which
+    stay while those of the head are learned, to the camera's. What a tracker does not estimate is None. mm_per_unit
+    converts lengths at the boundary.
     """
 
     index: int
@@ -83,6 +84,7 @@ class Estimate:
     mm_per_unit: float = 1.0
     reason: str = ""
     closing: Closing | None = None
+    model_rotation: Array | None = None
 
     @classmethod
     def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:

@@ -16,7 +16,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.eyes import closing_of
-from mien.tracking.state import Closing, Estimate
+from mien.tracking.state import Closing, Estimate, Status
 from small_motion import face, run
 
 N = 4
@@ -140,6 +140,21 @@ def test_where_the_face_is_lost_nothing_is_remembered_of_its_eyes() -> None:
     assert tracker.closing is not None
     assert tracker.track(Frame(noise, second.index, second.time)).closing is None
     assert tracker.closing is None
+
+
+def test_closing_eyes_are_not_seen_however_the_rest_of_the_face_looks() -> None:
+    """As where a grin makes the face look strange, so that they are tracked all the same."""
+    tracker, (first, second, *_) = RealtimeTracker(), _blinking().frames
+    tracker.initialize(first, face().landmarks, face().camera)
+    _, solution = tracker._search(second)
+    eyes = [LANDMARK_NAMES.index(f"{side}_{part}") for side in ("right", "left") for part in EYE]
+    for closing, seen in ((Closing(0.1, 0.1), True), (Closing(0.9, 0.1), False)):
+        tracker.closing = closing
+        found = tracker._estimate(second, Status.TRACKED, solution, 1.0).landmarks
+        assert found is not None
+        assert found.visibility is not None
+        assert (found.visibility[eyes] > 0.5).all() == seen
+        assert (np.delete(found.visibility, eyes) > 0.5).all()
 
 
 def test_a_blink_is_no_nod() -> None:

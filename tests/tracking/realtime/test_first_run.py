@@ -60,7 +60,7 @@ print(is_cached(kernel))
         assert done.returncode == 0, done.stderr
         return done.stdout.split()
 
-    called = package / "tracking" / "pose_geometry.py"
+    called = package / "tracking" / "realtime" / "pose_geometry.py"
     assert run() == ["False", "True"]
     called.write_text(called.read_text(encoding="utf-8"), encoding="utf-8")
     assert run() == ["True", "True"]

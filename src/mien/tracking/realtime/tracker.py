@@ -21,6 +21,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_reported
+from mien.threads import one_blas_thread
 from mien.tracking.prior import JAW_DROP, state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
@@ -81,6 +82,7 @@ class RealtimeTracker:
         shape that this one has learned."""
         return RealtimeTracker(self.settings, self.model, self.person)
 
+    @one_blas_thread()
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its landmarks. Raises MienError for a face that would be
         nearer to the camera than it is wide."""
@@ -214,6 +216,24 @@ class RealtimeTracker:
             vertices = with_eyes_closed(vertices, estimate.closing.share)
         return np.asarray(vertices @ self.axes.model_rotation(estimate.rotation).T + estimate.translation)
 
+    def _reported_landmarks(self, pose: Pose, closed: float) -> tuple[Array, Array]:
+        """The landmarks of a pose as they are reported, with the shape that is known now: (26, 3) in camera axes and
+        (26, 2) in the image. closed: how far the eyes are."""
+        X, image = pose_geometry.reported_landmarks(
+            self.person.arrays,
+            self.landmark_offsets,
+            pose.arrays,
+            _LIDS,
+            lid_closing(closed),
+            self.solver.camera_vector,
+        )
+        return X, image
+
+    def landmark_depths(self, R: Array, t: Array, animation: Array, closed: float) -> Array:
+        """Depths (26,) in CANDIDE units of the landmarks of an earlier estimate, by the shape that is known now. R:
+        its `model_rotation`; closed: how far the eyes were."""
+        return np.asarray(self._reported_landmarks(Pose(R, t, animation), closed)[0][:, 2])
+
     def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
         s, lost = self.settings, self.lost_frames
         thorough = lost < s.recovery_patience or lost % (3 * s.recovery_interval) == 0
@@ -333,13 +353,11 @@ class RealtimeTracker:
         `familiarity`."""
         n = len(LANDMARK_NAMES)
         closing = self.closing
-        lids = lid_closing(closing.share if closing else 0.0)
-        X, image = pose_geometry.reported_landmarks(
-            self.person.arrays, self.landmark_offsets, self.pose.arrays, _LIDS, lids, self.solver.camera_vector
-        )
+        X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
+        shut = self.person.eyes[:n] if closing and closing.share > self.settings.closing_share else np.zeros(n, bool)
         d2, share = solution.seen(self.settings.seen_distance)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, self.visible[:n], distance)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
         covariance = state_covariance(
@@ -349,4 +367,5 @@ class RealtimeTracker:
         return Estimate(
             frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),
             self.pose.animation.copy(), covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
+            model_rotation=self.pose.R,
         )  # fmt: skip
