@@ -136,6 +136,7 @@ def landmarks(scores: Scores) -> Table:
     return Table(
         "landmarks",
         "Landmarks: RMS of the twelve points of Fig. 3",
+        "Over the frames in which the tracker has a face; the angles hold the last rotation in the others. "
         "`raw` compares the points as they are. `without offset` subtracts each point's offset from the annotation in "
         "the first frame, because a tracker's points and the annotator's are not defined identically. "
         "`normalised` is the raw RMS over the distance between the outer corners of the eyes in the first frame.",

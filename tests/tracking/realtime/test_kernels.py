@@ -154,8 +154,8 @@ class Problem:
 
     def evaluate(self, R: Array, t: Array, a: Array) -> tuple[float, Array, Array, Array]:
         """Energy, H (12, 12), G (12,), squared distances (n,)."""
-        at = Linearization(*(both[0] for both in kernels.buffers(N)))
-        energy = kernels.evaluate((R, t, a), self.posterior, at)
+        at = Linearization(*(both[0] for both in kernels.workspace(N)))
+        energy = kernels.evaluate((R, t, a), self.posterior.plain, tuple(at))
         return float(energy), at.H, at.G, at.d2
 
     def energy(self, step: Array) -> float:

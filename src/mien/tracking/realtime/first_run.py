@@ -61,7 +61,7 @@ _APPEARANCE = AppearanceArrays(
     limit=_array(1), variance=_array(2),
 )  # fmt: skip
 _SAMPLING = (1, 0.0, 0.0, 0.0)
-_PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW)
+_PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW).plain
 _TEMPLATE = Template(_single(2), _array(1), _single(3), _array(3), _array(3))
 _PATCHES = (_single(2), _array(1), _array(1))
 _SEEN = _array(1, np.bool_)
@@ -70,7 +70,7 @@ _POINT = (0.0, 0.0)
 Kernel = tuple[Any, tuple[Any, ...]]
 """A kernel, and examples of what tracking calls it with."""
 POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
-SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.buffers(1))
+SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
 _IN_BACKGROUND: tuple[Kernel, ...] = (
     (descriptors._describe, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
@@ -85,7 +85,7 @@ _IN_FOREGROUND: tuple[Kernel, ...] = (
     (crop._resample, (_array(2, np.uint8), _POINT, _POINT, _single(2))),
     (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
     (motion.align,
-     (_single(2), _PERSON, _array(3), _TEMPLATE, _array(1), _PRIOR, _VIEW, 0.0, _array(1), 1, 0.0)),
+     (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, _array(1), 1, 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
     (eyes._closing_moments, (_array(2), 0.0)),
     (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, 0.0)),

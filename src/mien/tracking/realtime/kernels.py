@@ -1,4 +1,8 @@
-"""The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised."""
+"""The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised.
+
+What the kernels take together is named in Python and plain in the kernels, which unpack it in the order of its fields:
+named tuples would cost a tenth of the time of a frame, and half a second of the first run.
+"""
 
 from __future__ import annotations
 
@@ -99,9 +103,8 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
     Fills residual, M, g and d2 of a `Linearization`, in the metric `I inverse_floor + U^T diag(gain) U`. terms (3, 15):
     see `polynomial`.
     """
-    coefficients, U, gain = appearance.coefficients, appearance.U, appearance.gain
-    offset, inverse_floor = appearance.offset, appearance.inverse_floor
-    residuals, M, g, d2 = at.residual, at.M, at.g, at.d2
+    coefficients, offset, U, gain, inverse_floor, _, _ = appearance
+    residuals, M, g, d2, _, _, _, _ = at
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
     D = np.empty((5, 128), np.float32)  # residual, then its derivatives by u, v, tilt, pan
@@ -231,8 +234,8 @@ def student_information(information: Any, moved: Any, firmness: Any, factor: flo
 @kernel()
 def add_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
     """The part of the prior in Eq. (9): returns its energy, and sets H (12, 12) and G (12,) to its derivatives."""
-    information, rest_information = prior.information, prior.rest_information
-    step = step_between(*prior.pose, *pose)
+    start, information, rest, rest_information = prior
+    step = step_between(*start, *pose)
     energy = 0.0
     for r in range(STATE_SIZE):
         G[r] = 0.0
@@ -241,7 +244,7 @@ def add_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
             G[r] += information[r, c] * step[c]
         energy += G[r] * step[r]
     for k in range(6):
-        from_rest = pose[2][k] - prior.rest[k]
+        from_rest = pose[2][k] - rest[k]
         H[6 + k, 6 + k] += rest_information[k]
         G[6 + k] += rest_information[k] * from_rest
         energy += rest_information[k] * from_rest * from_rest
@@ -264,22 +267,24 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
 def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
-    active, scale, appearance, ray = problem.active, problem.scale, problem.appearance, problem.geometry[3]
-    q, J = project(problem.person, pose, problem.geometry)
+    maps, sampling, person, appearance, active, scale, prior, view = problem
+    _, _, _, _, _, limit, variance = appearance
+    ray = view[3]
+    q, J = project(person, pose, view)
     tilt, pan, by_ray = angles_along_ray(ray, pose[0])
     J_angles = np.empty((2, 3))  # by a rotation vector in camera axes
     for k in range(2):
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
-    terms = polynomial(tilt, pan, appearance.limit)
-    linearize_landmarks(problem.maps, problem.sampling, q, appearance, terms, active, at)
+    terms = polynomial(tilt, pan, limit)
+    linearize_landmarks(maps, sampling, q, appearance, terms, active, at)
     _, M, g, d2, B, w, H, G = at
-    energy = add_prior(pose, problem.prior, H, G)
+    energy = add_prior(pose, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
         if active[i] <= 0.0:
             continue
-        d2[i] = marginalize_misplacement(M[i], g[i], d2[i], appearance.variance[i])
+        d2[i] = marginalize_misplacement(M[i], g[i], d2[i], variance[i])
         # Geman and McClure: c d^2 / (c + d^2), its weight (c / (c + d^2))^2
         ratio = scale[i] / (scale[i] + d2[i])
         energy += active[i] * d2[i] * ratio
@@ -296,11 +301,11 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     return energy
 
 
-def buffers(n: int) -> Linearization:
+def workspace(n: int) -> tuple[Array | Float32, ...]:
     """Two linearisations of n landmarks for `solve`, zero for those that take no part, with one more dimension: of the
     lowest point so far, and of the next one."""
 
-    return Linearization(
+    return (
         np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
         np.zeros((2, n, 4, STATE_SIZE)), np.zeros((2, n)),
         np.zeros((2, STATE_SIZE, STATE_SIZE)), np.zeros((2, STATE_SIZE)),
@@ -308,9 +313,10 @@ def buffers(n: int) -> Linearization:
 
 
 @kernel(inline="always")
-def one_of(k: int, b: Any) -> Any:
-    """Linearisation k of `buffers`."""
-    return Linearization(b.residual[k], b.M[k], b.g[k], b.d2[k], b.B[k], b.w[k], b.H[k], b.G[k])
+def _one_of(k: int, buffers: Any) -> Any:
+    """Linearisation k of a `workspace`."""
+    residual, M, g, d2, B, w, H, G = buffers
+    return residual[k], M[k], g[k], d2[k], B[k], w[k], H[k], G[k]
 
 
 @kernel()
@@ -320,12 +326,13 @@ def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: 
     Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns the
     pose, energy and index in the buffers of the lowest point evaluated, and the number of evaluations.
     """
+    _, _, _, _, _, _, H, G = buffers
     lowest, free = 0, 1
     energy, damping = np.inf, 1e-3
     pose, best = start, start
     evaluations = 0
     while evaluations < iterations:
-        here = evaluate(pose, problem, one_of(free, buffers))
+        here = evaluate(pose, problem, _one_of(free, buffers))
         evaluations += 1
         if here < energy:
             energy, best = here, pose
@@ -335,14 +342,14 @@ def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: 
             damping *= 10.0
             if damping > 1e6:
                 break
-        A, G = buffers.H[lowest].copy(), buffers.G[lowest]
+        A = H[lowest].copy()
         for k in range(STATE_SIZE):
             A[k, k] *= 1.0 + damping
-        step = solve_positive(A, G)
+        step = solve_positive(A, G[lowest])
         pose = step_back(best, step)
         gain = 0.0  # that the quadratic model promises
         for k in range(STATE_SIZE):
-            gain += G[k] * step[k]
+            gain += G[lowest, k] * step[k]
         if gain < tolerance:
             best = pose
             break

@@ -99,14 +99,14 @@ class Motion:
         are aligned once more with the head held, and each of its patches compared with its own contrast."""
         s = self.settings
         assert self.template is not None, "the last frame is remembered before a motion is measured"
-        contrast = self.template.norms**2 / self.patches.shape[2]
+        template, contrast = tuple(self.template), self.template.norms**2 / self.patches.shape[2]
         (R, t, a), information = align(
-            image, person, self.patches, self.template, self.weight, prior, view, s.motion_robust_factor,
+            image, person, self.patches, template, self.weight, tuple(prior), view, s.motion_robust_factor,
             np.zeros_like(contrast), s.motion_iterations, s.motion_tolerance,
         )  # fmt: skip
         held = prior._replace(pose=(R, t, a), information=prior.information + self.held)
         (_, _, a), _ = align(
-            image, person, self.patches, self.template, self.weight * self.mouth, held, view, s.motion_robust_factor,
+            image, person, self.patches, template, self.weight * self.mouth, tuple(held), view, s.motion_robust_factor,
             s.motion_mouth_share**2 * contrast, s.motion_iterations, s.motion_tolerance,
         )  # fmt: skip
         covariance = inverse_definite(information / s.motion_noise + prior.information)
@@ -223,7 +223,7 @@ def align(
     values, norms, J, JJ, turned = template
     n, m = values.shape
     projection = projection_of(view)
-    pose = prior.pose
+    pose = prior[0]
     residual, off = np.empty((n, m), np.float32), np.zeros(n)
     Y, q = np.empty((3, m)), np.empty((2, m))
     H, G, D, down = (

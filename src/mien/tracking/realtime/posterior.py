@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class PosePosterior(NamedTuple):
     active: Array
     scale: Array
     prior: PriorArrays
-    geometry: ViewArrays
+    view: ViewArrays
 
     def energy(self, b: Array) -> float:
         """Energy of a state b (12,), Eq. (2)."""
@@ -49,10 +49,16 @@ class PosePosterior(NamedTuple):
 
     def solve(self, start: PoseArrays, iterations: int, tolerance: float) -> LowestPoint:
         """The lowest point that Levenberg-Marquardt finds from a pose; see `kernels.solve`."""
-        buffers = kernels.buffers(len(self.active))
-        pose, energy, lowest, evaluations = kernels.solve(start, self, iterations, tolerance, buffers)
+        buffers = kernels.workspace(len(self.active))
+        pose, energy, lowest, evaluations = kernels.solve(start, self.plain, iterations, tolerance, buffers)
         at = Linearization(*(both[lowest] for both in buffers))
         return LowestPoint(pose, energy, at, evaluations)
+
+    @property
+    def plain(self) -> tuple[Any, ...]:
+        """The posterior as the kernels take it."""
+        maps, sampling, person, appearance, active, scale, prior, view = self
+        return maps, sampling, person, tuple(appearance), active, scale, tuple(prior), view
 
 
 @dataclass(frozen=True)

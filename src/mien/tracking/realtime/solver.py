@@ -88,7 +88,7 @@ class PoseSolver:
             active=view.facing.astype(np.float64),
             scale=person.tolerance * person.expected,
             prior=self.prior.arrays(predicted),
-            geometry=view.geometry,
+            view=view.geometry,
         )
 
     def _fits(self, view: View, pose: Pose) -> bool:

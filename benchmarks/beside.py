@@ -1,0 +1,95 @@
+"""Faces at the side of the image: the camera of the rendered sequences turned about itself, as a Markdown table.
+
+`OMP_NUM_THREADS=1 python benchmarks/beside.py PATH`, with PATH a folder of rendered sequences; those in uniform light
+are taken, with landmarks from the detector. Turning a camera moves its image by a homography, so that the truth is
+known: every rotation is turned alike. For each turn, in degrees: by how much the rotations differ from those of the
+face in the middle, once turned back (mean angle), and the error by the protocol `rebased`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from ablation import Run, scored
+from inputs import carry_out
+
+from mien.arrays import Array
+from mien.baselines.mediapipe import MediaPipeTracker
+from mien.errors import MienWarning
+from mien.evaluation.datasets import load_dataset
+from mien.evaluation.datasets.sequence import Sequence
+from mien.evaluation.scores import pooled_errors
+from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import angle_between, matrix_from_euler
+from mien.initialization.detector import detect
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Tracker
+from mien.video import open_video
+
+TURNS_DEG = ((0, 0), (0, 10), (0, 20), (0, -10), (0, -20), (8, 0), (-8, 0))
+"""Tilt and pan of the camera."""
+BORDER = (80, 20)
+"""What is added on either side of the images, so that the face stays inside."""
+TRACKERS: dict[str, type[Tracker]] = {"realtime": RealtimeTracker, "MediaPipe": MediaPipeTracker}
+
+
+def turned(frame: Frame, before: Camera, after: Camera, R: Array) -> Frame:
+    """A frame as a camera sees it that has turned by R (3, 3); its border is repeated."""
+    dx, dy = BORDER
+    wide = cv2.copyMakeBorder(frame.pixels, dy, dy, dx, dx, cv2.BORDER_REPLICATE)
+    homography = after.matrix @ R @ np.linalg.inv(before.matrix)
+    size = (wide.shape[1], wide.shape[0])
+    pixels = cv2.warpPerspective(wide, homography, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
+
+
+def rotations(tracker: Tracker, run: Run) -> tuple[Array, float]:
+    """Rotations (n, 3, 3) of all frames, NaN where the face is lost, and the error by `rebased`."""
+    first, *rest = run.frames
+    assert run.sequence.camera is not None
+    estimates = [tracker.initialize(first, run.landmarks, run.sequence.camera), *map(tracker.track, rest)]
+    R = np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
+    return R, float(pooled_errors([scored(estimates, run)]).mean())
+
+
+def compared(sequence: Sequence) -> Array:
+    """(turns, trackers, 2): difference from the face in the middle and error, degrees."""
+    frames = list(open_video(sequence.video))
+    before = sequence.camera_for(frames[0].width, frames[0].height)
+    dx, dy = BORDER
+    before = replace(before, cx=before.cx + dx, cy=before.cy + dy)
+    truth, rows = sequence.read_truth(len(frames)), []
+    middle: list[Array] = []
+    for turn in TURNS_DEG:
+        R = matrix_from_euler(np.radians([*turn, 0]))
+        seen = [turned(frame, before, before, R) for frame in frames]
+        assert truth.rotations is not None
+        moved = replace(truth, rotations=R @ truth.rotations, angles_deg=None, landmarks=None)
+        run = Run(replace(sequence, camera=before), seen, moved, detect(seen[0])[0])
+        found = [rotations(kind(), run) for kind in TRACKERS.values()]
+        middle = middle or [made for made, _ in found]
+        differ = [np.degrees(angle_between(R.T @ made, at)) for (made, _), at in zip(found, middle, strict=True)]
+        rows.append([(np.nanmean(d), error) for d, (_, error) in zip(differ, found, strict=True)])
+    return np.array(rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("path", type=Path)
+    warnings.simplefilter("ignore", MienWarning)
+    chosen = [s for s in load_dataset("rendered", parser.parse_args().path) if s.kind == "uniform"]
+    mean = np.mean([compared(sequence) for sequence in chosen], axis=0)
+    columns = [f"{name}: {what}" for name in TRACKERS for what in ("differs", "error")]
+    print(f"| tilt, pan of the camera | {' | '.join(columns)} |", "|---" * (len(columns) + 1) + "|", sep="\n")
+    for (tilt, pan), row in zip(TURNS_DEG, mean, strict=True):
+        print(f"| {tilt}, {pan} | {' | '.join(f'{value:.2f}' for value in row.ravel())} |")
+
+
+if __name__ == "__main__":
+    carry_out(main)
