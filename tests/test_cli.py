@@ -21,7 +21,7 @@ import pytest
 from mien import cli
 from mien.frame import Frame
 from mien.initialization.landmark_files import write_landmarks
-from mien.initialization.landmarks import Landmarks, Point
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, Point
 from mien.output.track import Track
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
@@ -107,6 +107,14 @@ def test_track_writes_the_files_and_says_where(mien: Command, video: Path, marks
     np.testing.assert_allclose(turned, np.arange(6), atol=2.0)
     with av.open("over.mp4") as container:
         assert sum(1 for _ in container.decode(video=0)) == 6
+    camera, shown = track.metadata["camera"], track.landmarks
+    assert shown is not None
+    for row in (0, 5):  # the mesh lies where the landmarks are
+        vertices = track.mesh(row)
+        assert vertices is not None
+        X = vertices[list(LANDMARK_VERTICES.values())]
+        points = X[:, :2] / X[:, 2:] * camera["focal_px"] + [camera["cx"], camera["cy"]]
+        assert np.abs(points - shown[row]).max() < 0.05 * np.ptp(shown[row][:, 0])
 
 
 def test_json_is_enough_to_get_the_same_numbers(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from pydantic import BaseModel
 
 from mien._version import __version__
 from mien.arrays import Array
-from mien.candide.model import Candide
+from mien.candide.model import TRACKED_UNITS, Candide
 from mien.errors import MienError, interruption, require, warn
 from mien.files import checksum, real_path, require_writable, size_of
 from mien.frame import Frame
@@ -378,6 +378,18 @@ def mesh_of(tracker: Tracker, estimate: Estimate) -> Mesh | None:
     return None if vertices is None else Mesh(vertices, tracker.fit.model.triangles)
 
 
+def _mesh_at_rest(tracker: FittedTracker) -> dict[str, Any]:
+    """What `Track.mesh` needs: in millimetres and the axes of the head, as they are known now, the vertices (V, 3) at
+    rest, and of each animation unit the displacements (m, 3) of those of the vertices that it moves."""
+    fit = tracker.fit
+    turn = getattr(getattr(tracker, "axes", None), "turn", np.eye(3)) * fit.mm_per_unit
+    units = {}
+    for name, displacements in zip(TRACKED_UNITS, fit.model.animation_units, strict=True):
+        moved = np.flatnonzero(np.abs(displacements).max(axis=1) > 0)
+        units[name] = {"moved": moved.tolist(), "by": np.round(displacements[moved] @ turn, 2).tolist()}
+    return {"vertices": np.round(fit.shape @ turn, 2).tolist(), "units": units}
+
+
 def settings_of(tracker: Tracker) -> dict[str, Any]:
     """The settings of a tracker as plain values; empty if it has none."""
     own = getattr(tracker, "settings", None)
@@ -417,4 +429,5 @@ def metadata(this: Pass, recorder: Recorder, stopped: str | None = None) -> Mapp
         names = tracker.fit.model.shape_unit_names
         values["shape_units"] = dict(zip(names, (np.round(tracker.fit.sigma, 6) + 0.0).tolist(), strict=True))
         values["fit_residual_px"] = round(tracker.fit.residual_px, 4)
+        values["mesh"] = _mesh_at_rest(tracker)
     return values

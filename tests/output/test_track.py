@@ -203,6 +203,19 @@ def test_every_rotation_is_turned_alike(track: Track) -> None:
     assert turned.table["pose_Rx"].null_count == track.table["pose_Rx"].null_count > 0
 
 
+def test_the_mesh_of_a_row_by_hand() -> None:
+    """A vertex that looks into the camera from 40 mm before the head's middle, which a unit moves up."""
+    units = {name: {"moved": [], "by": []} for name in TRACKED_UNITS} | {"jaw_drop": {"moved": [1], "by": [[0, 10, 0]]}}
+    frontal = replace(estimate(0), rotation=FACING, closing=None)  # the animation is 0, 0.1, 0.2 ..
+    rest = {"vertices": [[10.0, 20.0, 30.0], [0.0, 0.0, 40.0]], "units": units}
+    track = Track.from_estimates([frontal, lost(1)], {"mesh": rest})
+    mesh = track.mesh(0)
+    assert mesh is not None
+    np.testing.assert_allclose(mesh, [[50 + 10, -25 - 20, 1000 - 30], [50, -25 - 1, 1000 - 40]])
+    assert track.mesh(1) is None
+    assert Track.from_estimates([frontal]).mesh(0) is None
+
+
 def test_landmarks_in_space_move_along_their_rays(track: Track) -> None:
     def in_space(of: Track) -> Array:
         return np.stack([[of.table[f"{axis}_{k}"].to_numpy() for k in range(3)] for axis in "XYZ"]).T

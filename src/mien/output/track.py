@@ -22,10 +22,11 @@ import numpy as np
 import pyarrow as pa
 
 from mien.arrays import Array
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import TRACKED_UNITS, with_eyes_closed
 from mien.csv_files import opened_csv
 from mien.errors import MienError, require
 from mien.files import json_text, named_errors, require_ending, whole_file
+from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.output.columns import (
     ANIMATION_SD,
     EYES_CLOSED_SD,
@@ -154,6 +155,22 @@ class Track:
         count = next(i for i in itertools.count() if f"x_{i}" not in names)
         x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
         return None if x is None or y is None else np.stack([x, y], axis=-1)
+
+    def mesh(self, row: int) -> Array | None:
+        """Vertices (V, 3) of the face in a row, millimetres in camera axes, with its expression and its lids;
+        `mien.Candide.default().triangles` connects them. None where the face is lost, and for trackers without a face
+        model."""
+        rest, t, a = self.metadata.get("mesh"), self.translation_mm, self.animation
+        if rest is None or t is None or a is None or np.isnan(t[row]).any():
+            return None
+        vertices = np.array(rest["vertices"])
+        for name, amount in zip(TRACKED_UNITS, a[row], strict=True):
+            unit = rest["units"][name]
+            vertices[np.array(unit["moved"], int)] += amount * np.reshape(unit["by"], (-1, 3))
+        if self.eyes_closed is not None and not np.isnan(self.eyes_closed[row]):
+            vertices = with_eyes_closed(vertices, float(self.eyes_closed[row]))
+        R = matrix_from_euler(np.radians(self.euler_deg[row])) @ FACING
+        return np.asarray(vertices @ R.T + t[row])
 
     def without(self, reasons: Sequence[str | None]) -> Track:
         """The track with the face marked as lost in the frames that have a reason; a reason or None for each frame."""
