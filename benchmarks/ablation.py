@@ -38,7 +38,7 @@ from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
 from mien.tracking.realtime import RealtimeTracker, learning, person, tracker
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
-from mien.tracking.state import Estimate
+from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video
 
 KINDS = ("uniform", "expression", "light", "occluded", "wide")
@@ -228,7 +228,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
 }
 
 
-def track(tracker: RealtimeTracker, run: Run) -> list[Estimate]:
+def track(tracker: Tracker, run: Run) -> list[Estimate]:
     """A new tracker's estimates of every frame."""
     first = run.frames[0]
     begun = tracker.initialize(first, run.landmarks, run.sequence.camera_for(first.width, first.height))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, scored
+from ablation import Run, scored, track
 from inputs import carry_out
 
 from mien.arrays import Array
@@ -39,11 +39,11 @@ BORDER = (80, 20)
 TRACKERS: dict[str, type[Tracker]] = {"realtime": RealtimeTracker, "MediaPipe": MediaPipeTracker}
 
 
-def turned(frame: Frame, before: Camera, after: Camera, R: Array) -> Frame:
-    """A frame as a camera sees it that has turned by R (3, 3); its border is repeated."""
+def turned(frame: Frame, camera: Camera, R: Array) -> Frame:
+    """A frame with a border as its camera sees it once that has turned by R (3, 3)."""
     dx, dy = BORDER
     wide = cv2.copyMakeBorder(frame.pixels, dy, dy, dx, dx, cv2.BORDER_REPLICATE)
-    homography = after.matrix @ R @ np.linalg.inv(before.matrix)
+    homography = camera.matrix @ R @ np.linalg.inv(camera.matrix)
     size = (wide.shape[1], wide.shape[0])
     pixels = cv2.warpPerspective(wide, homography, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
@@ -51,9 +51,7 @@ def turned(frame: Frame, before: Camera, after: Camera, R: Array) -> Frame:
 
 def rotations(tracker: Tracker, run: Run) -> tuple[Array, float]:
     """Rotations (n, 3, 3) of all frames, NaN where the face is lost, and the error by `rebased`."""
-    first, *rest = run.frames
-    assert run.sequence.camera is not None
-    estimates = [tracker.initialize(first, run.landmarks, run.sequence.camera), *map(tracker.track, rest)]
+    estimates = track(tracker, run)
     R = np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
     return R, float(pooled_errors([scored(estimates, run)]).mean())
 
@@ -61,17 +59,16 @@ def rotations(tracker: Tracker, run: Run) -> tuple[Array, float]:
 def compared(sequence: Sequence) -> Array:
     """(turns, trackers, 2): difference from the face in the middle and error, degrees."""
     frames = list(open_video(sequence.video))
-    before = sequence.camera_for(frames[0].width, frames[0].height)
-    dx, dy = BORDER
-    before = replace(before, cx=before.cx + dx, cy=before.cy + dy)
+    (dx, dy), camera = BORDER, sequence.camera_for(frames[0].width, frames[0].height)
+    camera = replace(camera, cx=camera.cx + dx, cy=camera.cy + dy)
     truth, rows = sequence.read_truth(len(frames)), []
     middle: list[Array] = []
     for turn in TURNS_DEG:
         R = matrix_from_euler(np.radians([*turn, 0]))
-        seen = [turned(frame, before, before, R) for frame in frames]
+        seen = [turned(frame, camera, R) for frame in frames]
         assert truth.rotations is not None
         moved = replace(truth, rotations=R @ truth.rotations, angles_deg=None, landmarks=None)
-        run = Run(replace(sequence, camera=before), seen, moved, detect(seen[0])[0])
+        run = Run(replace(sequence, camera=camera), seen, moved, detect(seen[0])[0])
         found = [rotations(kind(), run) for kind in TRACKERS.values()]
         middle = middle or [made for made, _ in found]
         differ = [np.degrees(angle_between(R.T @ made, at)) for (made, _), at in zip(found, middle, strict=True)]

@@ -36,6 +36,11 @@ class _Group:
     decimals: int
     values: Callable[[Estimate], Array | None]
 
+    @property
+    def stems(self) -> tuple[str, ...]:
+        """The names of its columns, without the numbers of those that are numbered."""
+        return (self.names,) if isinstance(self.names, str) else self.names
+
     def column_names(self, count: int) -> tuple[str, ...]:
         return tuple(f"{self.names}_{i}" for i in range(count)) if isinstance(self.names, str) else self.names
 
@@ -169,23 +174,28 @@ def rotate_rows(table: pa.Table, R: Array) -> pa.Table:
     angles = np.stack([table.column(name).to_numpy() for name in ROTATION], axis=1)
     known = ~np.isnan(angles).any(axis=1)
     turned = R @ matrix_from_euler(angles[known])
-    decimals = next(group.decimals for group in _POSE if group.names == ROTATION)
-    angles[known] = np.round(euler_from_matrix(turned), decimals)
-    for column, name in zip(angles.T, ROTATION, strict=True):
-        table = table.set_column(table.column_names.index(name), name, pa.array(column, from_pandas=True))
-    return table
+    angles[known] = euler_from_matrix(turned)
+    return _with_columns(table, dict(zip(ROTATION, angles.T, strict=True)))
 
 
 def move_along_rays(table: pa.Table, depths: Array) -> pa.Table:
     """The table with landmark k of every row at a depth (n, m) in millimetres, on the ray on which it is; those whose
     depth is NaN stay."""
-    decimals = next(group.decimals for group in _OTHER if "Z" in group.names)
+    moved: dict[str, Array] = {}
     for k, wanted in enumerate(depths.T):
-        Z = table.column(f"Z_{k}").to_numpy()
-        ratio = np.where(np.isnan(wanted), 1.0, wanted / Z)
-        for name in (f"{axis}_{k}" for axis in "XYZ"):
-            moved = np.round(table.column(name).to_numpy() * ratio, decimals)
-            table = table.set_column(table.column_names.index(name), name, pa.array(moved, from_pandas=True))
+        points = {f"{axis}_{k}": table.column(f"{axis}_{k}").to_numpy() for axis in "XYZ"}
+        ratio = np.where(np.isnan(wanted), 1.0, wanted / points[f"Z_{k}"])
+        moved |= {name: values * ratio for name, values in points.items()}
+    return _with_columns(table, moved)
+
+
+def _with_columns(table: pa.Table, columns: Mapping[str, Array]) -> pa.Table:
+    """The table with other numbers (n,) in columns that it has, rounded as theirs are; NaN is null."""
+    decimals = {stem: group.decimals for group in (*_POSE, *_OTHER) for stem in group.stems}
+    for name, values in columns.items():
+        stem = name if name in decimals else name.rpartition("_")[0]
+        rounded = pa.array(np.round(values, decimals[stem]), from_pandas=True)
+        table = table.set_column(table.column_names.index(name), name, rounded)
     return table
 
 
@@ -206,8 +216,7 @@ def _stems() -> Iterator[str]:
     """All column names in the order of the file; the stem for numbered columns."""
     yield from ("frame", "face_id", "timestamp", "confidence", "success")
     for group in (*_POSE, None, *_OTHER):
-        names = TEXT_COLUMNS if group is None else group.names
-        yield from [names] if isinstance(names, str) else names
+        yield from TEXT_COLUMNS if group is None else group.stems
 
 
 _STEMS = tuple(_stems())

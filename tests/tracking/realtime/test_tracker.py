@@ -312,14 +312,17 @@ def test_an_estimate_is_the_callers_own() -> None:
     tracker.initialize(frame, face().landmarks, face().camera)
     estimate = tracker.track(frame)
     known = tracker.pose
-    kept = known.t.copy(), known.animation.copy()
+    kept = known.t.copy(), known.animation.copy(), known.R.copy()
     assert estimate.translation is not None
     assert estimate.animation is not None
-    translation, animation = estimate.translation, estimate.animation
+    assert estimate.model_rotation is not None
+    translation, animation, R = estimate.translation, estimate.animation, estimate.model_rotation
     translation *= estimate.mm_per_unit
     animation += 1
+    R *= -1
     np.testing.assert_array_equal(known.t, kept[0])
     np.testing.assert_array_equal(known.animation, kept[1])
+    np.testing.assert_array_equal(known.R, kept[2])
 
 
 def test_visibility_and_confidence_are_in_their_range(estimates: list[Estimate]) -> None:

@@ -1,7 +1,7 @@
 """The inner loop of real-time tracking, compiled: Eq. (9) linearised and minimised.
 
 What the kernels take together is named in Python and plain in the kernels, which unpack it in the order of its fields:
-named tuples would cost a tenth of the time of a frame, and half a second of the first run.
+Numba takes longer to recognise named tuples at every call.
 """
 
 from __future__ import annotations

@@ -211,6 +211,30 @@ def _compare(patch: Any, values: Any, norm: float) -> Any:
     return squared / values.size
 
 
+@kernel(inline="always")
+def _weight(squared: float, tolerated: float) -> float:
+    """Weight of Geman and McClure of a patch with a mean square residual: a quarter at `tolerated`."""
+    ratio = 1.0 / (1.0 + squared / tolerated)
+    return ratio * ratio
+
+
+@kernel(inline="always")
+def _add_patch(J: Any, residual: Any, units: Any, JJ: Any, w: float, down: Any, G: Any, D: Any) -> None:
+    """Add one patch of a `Template`, with its residual (m,) and weight, to the gradient G (12,) and the information D
+    (12, 12). down: (12,) memory for its own gradient."""
+    for r in range(_RIGID):
+        s = np.float32(0.0)
+        for j in range(residual.size):
+            s += J[r, j] * residual[j]
+        down[r] = s
+    for k in range(STATE_SIZE - _RIGID):
+        down[_RIGID + k] = down[3] * units[k, 0] + down[4] * units[k, 1] + down[5] * units[k, 2]
+    for r in range(STATE_SIZE):
+        G[r] += w * down[r]
+        for c in range(STATE_SIZE):
+            D[r, c] += w * JJ[r, c]
+
+
 @kernel()
 def align(
     image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
@@ -242,9 +266,9 @@ def align(
                 for j in range(m):
                     residual[i, j] = _bilinear(image, q[0, j], q[1, j])[0]
                 off[i] = _compare(residual[i], values[i], norms[i])
-                ratio = 1.0 / (1.0 + off[i] / max(robust * robust * usual, tolerated[i]))
-                total += active[i] * ratio * ratio
-                squared += active[i] * ratio * ratio * off[i]
+                w = active[i] * _weight(off[i], max(robust * robust * usual, tolerated[i]))
+                total += w
+                squared += w * off[i]
         usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
         add_prior(pose, prior, H, G)
         for r in range(STATE_SIZE):
@@ -253,19 +277,8 @@ def align(
         for i in range(n):
             if active[i] <= 0.0:
                 continue
-            ratio = 1.0 / (1.0 + off[i] / max(robust * robust * usual, tolerated[i]))
-            w = active[i] * ratio * ratio / usual
-            for r in range(_RIGID):
-                s = np.float32(0.0)
-                for j in range(m):
-                    s += J[i, r, j] * residual[i, j]
-                down[r] = s
-            for k in range(STATE_SIZE - _RIGID):
-                down[_RIGID + k] = down[3] * turned[i, k, 0] + down[4] * turned[i, k, 1] + down[5] * turned[i, k, 2]
-            for r in range(STATE_SIZE):
-                G[r] += w * down[r]
-                for c in range(STATE_SIZE):
-                    D[r, c] += w * JJ[i, r, c]
+            w = active[i] * _weight(off[i], max(robust * robust * usual, tolerated[i])) / usual
+            _add_patch(J[i], residual[i], turned[i], JJ[i], w, down, G, D)
         for r in range(STATE_SIZE):
             for c in range(STATE_SIZE):
                 H[r, c] += D[r, c]

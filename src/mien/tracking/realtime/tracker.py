@@ -367,5 +367,5 @@ class RealtimeTracker:
         return Estimate(
             frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),
             self.pose.animation.copy(), covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
-            model_rotation=self.pose.R,
+            model_rotation=self.pose.R.copy(),
         )  # fmt: skip
