@@ -23,7 +23,7 @@ assert not is_cached(kernels.solve)
 estimates = run(RealtimeTracker(), small_motion())
 assert all(e.status.success for e in estimates)
 assert is_cached(kernels.solve)
-for kernel, examples in (*first_run._IN_BACKGROUND, *first_run._IN_FOREGROUND):
+for kernel, examples in first_run._KERNELS:
     assert kernel.signatures == [first_run._signature(examples)], kernel
 print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """

@@ -1,8 +1,8 @@
 """A shorter first run: two processes compile the kernels.
 
 Compiled kernels are cached on disk. The first time, most of the wait is for `kernels.solve`, whose compilation needs
-nothing of the video: a background process compiles it, while this one detects and learns the face and compiles the
-rest. Where that fails, every kernel is compiled here when it is first called.
+nothing of the video: a background process begins with it, while this one detects and learns the face. Then they share
+what is left. Where that fails, every kernel is compiled here when it is first called.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import weakref
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -71,47 +72,57 @@ Kernel = tuple[Any, tuple[Any, ...]]
 """A kernel, and examples of what tracking calls it with."""
 POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
 SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
-_IN_BACKGROUND: tuple[Kernel, ...] = (
+_KERNELS: tuple[Kernel, ...] = (
     (descriptors._describe, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
     SOLVE,
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
-    (definite._inverse, (_array(2),)),
-    (level._nearest, (_array(1), 0.0)),
     (level._bilinear_lookup, (_single(3), _array(2), _array(1))),
-)
-"""What the other process compiles, first what the solver shares with the learning of the face."""
-_IN_FOREGROUND: tuple[Kernel, ...] = (
-    (crop._resample, (_array(2, np.uint8), _POINT, _POINT, _single(2))),
-    (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
+    (definite._inverse, (_array(2),)),
+    (uncertainty._total_covariance, (0.0, _array(2), 0.0, _array(2), _array(1))),
+    (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, 0.0)),
+    (level._nearest, (_array(1), 0.0)),
     (motion.align,
      (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, _array(1), 1, 0.0)),
-    (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
-    (eyes._closing_moments, (_array(2), 0.0)),
-    (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, 0.0)),
-    (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
-    (pose_geometry.in_camera, (_PERSON, _POSE)),
-    (kernels.misplacement_variance, (_array(2), _array(3), _array(1))),
-    (kernels.squared_misplacement, (_array(3), _array(2), 0.0)),
-    (kernels.student_information, (*[_array(1)] * 3, 0.0)),
-    (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
     (person._update_average, (_array(2), 1, _array(1), _SEEN, 0.0, 0.0)),
-    (uncertainty._total_covariance, (0.0, _array(2), 0.0, _array(2), _array(1))),
+    (kernels.student_information, (*[_array(1)] * 3, 0.0)),
+    (kernels.squared_misplacement, (_array(3), _array(2), 0.0)),
+    (kernels.misplacement_variance, (_array(2), _array(3), _array(1))),
+    (pose_geometry.in_camera, (_PERSON, _POSE)),
+    (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
+    (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
+    (eyes._closing_moments, (_array(2), 0.0)),
+    (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
+    (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
+    (crop._resample, (_array(2, np.uint8), _POINT, _POINT, _single(2))),
 )  # fmt: skip
-"""What this process compiles meanwhile, once it has learned the face; the remaining kernels compile quickly."""
+"""What a frame needs. The other process compiles from the beginning, where the solver is, and what it shares with the
+learning of the face; this one, once it has learned the face, from the end, and they meet. It comes to `align` when the
+kernels are on disk that this shares with the solver. The remaining kernels compile quickly."""
 
 
 def compile_in_background() -> None:
     """The work of the background process."""
-    gc.disable()  # it would take a tenth of the time of a process that ends soon
-    for kernel in _IN_BACKGROUND:
-        _compile(kernel)
+    _compile_missing(_KERNELS)
+
+
+def _compile_missing(ordered: Iterable[Kernel]) -> None:
+    """Compile kernels that are not on disk, without collecting garbage, which would take a tenth of the time."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for kernel in ordered:
+            if not is_cached(kernel[0]):
+                _compile(kernel)
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def load_cached() -> None:
     """Load the kernels that are cached on disk, if they are."""
     if is_cached(kernels.solve):
-        for kernel in (*_IN_BACKGROUND, *_IN_FOREGROUND):
+        for kernel in _KERNELS:
             _compile(kernel)
 
 
@@ -125,11 +136,10 @@ class BackgroundCompilation:
             weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
     def finish(self) -> None:
-        """Compile the other kernels that a frame needs here, and wait for the background process."""
+        """Compile what the background process has not come to, and wait for it."""
         if self.helper is None:
             return
-        for kernel in _IN_FOREGROUND:
-            _compile(kernel)
+        _compile_missing(reversed(_KERNELS[_KERNELS.index(SOLVE) + 1 :]))
         with suppress(subprocess.TimeoutExpired):
             self.helper.wait(_PATIENCE_S)
         _stop(self.helper)
