@@ -347,7 +347,7 @@ def test_no_face_and_two_faces_with_the_real_detector(
     assert [table.column("x_0")[0].as_py() < 320 for table in both] == [True, False]
     assert [table.column("face_id").to_pylist() for table in both] == [[0, 0], [1, 1]]
     refused(["track", gray, "--faces", 2], "gray.mkv: no face was found in it")
-    refused(["track", 0, "--faces", 2], "camera 0 yields each frame only once; several faces need a file")
+    refused(["track", 0, "--faces", 2], "camera 0 can be read only once; several faces need a file")
 
 
 def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_path: Path) -> None:

@@ -307,6 +307,16 @@ def test_the_window_shows_every_frame_also_before_there_is_a_face(
     assert len({picture.shape for picture in shown}) == 1
 
 
+def test_a_list_of_frames_is_tracked_like_a_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Back from where the face is learned, and twice if asked."""
+    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker())
+    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    frames = list(open_video(folder))
+    tables = [mien.track(video, landmarks=marks, passes=2).table for video in (folder, frames)]
+    assert tables[0].equals(tables[1])
+    assert None not in tables[1].column("pose_Rx").to_pylist()
+
+
 def test_frames_before_the_given_landmarks_have_rows_as_of_a_file(tracker: StillTracker, folder: Path) -> None:
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     track = mien.track(iter(list(open_video(folder))), landmarks=marks)

@@ -141,7 +141,7 @@ def track_faces(
     check_passes(passes, footage.video, tracker, preset)
     name = footage.video.name
     require(isinstance(faces, int) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
-    require(footage.video.path is not None, f"{name} yields each frame only once; several faces need a file")
+    require(footage.repeatable, f"{name} can be read only once; several faces need a file or a list of frames")
     detections = list(_detections(footage))
     require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
     together = min(faces, max(map(len, detections)))

@@ -92,7 +92,8 @@ def track(
     plot: str | Path | None = None,
     show: bool = False,
 ) -> Track:
-    """Track the face of a video file, a folder of images, a camera (its number) or an iterable of `mien.Frame`.
+    """Track the face of a video file, a folder of images, a camera (its number) or an iterable of `mien.Frame`; a list
+    of frames is read like a file.
 
     preset: a name in `mien.registry`. landmarks: of the first frame, or their file; detected by default. camera: a
     camera or its JSON file; or focal_px; or fov_deg (horizontal); by default 60 degrees along the longer side. start,
@@ -283,7 +284,7 @@ def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> No
     """Raise MienError for a number of passes that the video or the tracker does not allow."""
     require(isinstance(passes, int) and passes in (1, 2), f"passes is {passes!r}; give 1 or 2")
     if passes > 1:
-        require(video.path is not None, f"{video.name} yields each frame only once; a second pass needs a file")
+        require(video.repeatable, f"{video.name} can be read only once; a second pass needs a file or a list of frames")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could use; give 1")
 
 

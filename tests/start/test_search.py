@@ -192,6 +192,7 @@ class Live:
     shown: int = 0
     name: str = "camera 0"
     path: None = None
+    repeatable: bool = False
     fps: float = FPS
     frame_count: None = None
 

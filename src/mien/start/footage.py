@@ -59,7 +59,7 @@ class Footage:
     @property
     def repeatable(self) -> bool:
         """Whether frames can be read again; a live camera yields each once: those before the face are gone."""
-        return self.video.path is not None
+        return self.video.repeatable
 
     def camera_of(self, frame: Frame) -> Camera:
         """The camera for images of the size of this frame. Raises MienError if its field of view is too wide."""

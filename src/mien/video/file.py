@@ -41,6 +41,10 @@ class VideoFile:
     may_jump: bool = False
 
     @property
+    def repeatable(self) -> bool:
+        return True
+
+    @property
     def name(self) -> str:
         return str(self.path)
 

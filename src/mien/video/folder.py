@@ -32,6 +32,10 @@ class ImageFolder:
     fps: float = FOLDER_FPS
 
     @property
+    def repeatable(self) -> bool:
+        return True
+
+    @property
     def name(self) -> str:
         return str(self.path)
 

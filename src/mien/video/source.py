@@ -16,20 +16,22 @@ from mien.errors import require
 from mien.frame import Frame
 from mien.video.file import open_file
 from mien.video.folder import open_folder
-from mien.video.once import CameraDevice, GivenFrames
+from mien.video.given import CameraDevice, GivenFrames
 
 
 class Video(Protocol):
-    """A source of frames; each iteration decodes from the beginning.
+    """A source of frames; each iteration begins with the first, if it is repeatable.
 
-    path: the file or folder, None for a source that yields each frame only once; fps: mean frames per second;
-    frame_count: expected number of frames, None if unknown.
+    path: the file or folder, None if there is none; repeatable: whether frames can be read again, and not only once;
+    fps: mean frames per second; frame_count: expected number of frames, None if unknown.
     """
 
     @property
     def name(self) -> str: ...
     @property
     def path(self) -> Path | None: ...
+    @property
+    def repeatable(self) -> bool: ...
     @property
     def fps(self) -> float: ...
     @property
@@ -38,7 +40,8 @@ class Video(Protocol):
 
 
 Source = str | Path | int | Iterable[Frame]
-"""A file, a folder of images, the number of a camera, or frames that your own program reads."""
+"""A file, a folder of images, the number of a camera, or frames that your own program reads: in a list or tuple, which
+is read like a file, or one after the other, like a camera's."""
 
 
 def open_video(source: Source) -> Video:

@@ -1,10 +1,12 @@
-"""Sources that yield each frame only once: a camera, and frames that a program reads itself; their `path` is None."""
+"""Sources without a file: a camera, and frames that a program reads itself; their `path` is None."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -16,6 +18,8 @@ from mien.frame import Frame
 from mien.video.clock import Clock
 from mien.video.scaling import same_size
 
+_USUAL_FPS = 30.0
+
 
 @dataclass(frozen=True)
 class CameraDevice:
@@ -23,8 +27,9 @@ class CameraDevice:
 
     number: int
     path: None = None
+    repeatable: bool = False
     frame_count: None = None
-    fps: float = 30.0
+    fps: float = _USUAL_FPS
 
     @property
     def name(self) -> str:
@@ -52,13 +57,27 @@ class CameraDevice:
 
 @dataclass(frozen=True)
 class GivenFrames:
-    """Frames that a program reads itself; like those of a camera, each can be read only once."""
+    """Frames that a program reads itself: all of them in a sequence, which is read again like a file, or one after the
+    other, like those of a camera."""
 
     frames: Iterable[Frame]
     path: None = None
-    frame_count: None = None
-    fps: float = 30.0
     name: str = "the frames"
+
+    @property
+    def repeatable(self) -> bool:
+        return isinstance(self.frames, Sequence)
+
+    @property
+    def frame_count(self) -> int | None:
+        return len(self.frames) if isinstance(self.frames, Sequence) else None
+
+    @cached_property
+    def fps(self) -> float:
+        """By the times of a sequence, else unknown and taken to be `_USUAL_FPS`."""
+        stated = [frame.time for frame in self.frames if isinstance(frame, Frame)] if self.repeatable else []
+        step = float(np.median(np.diff(stated))) if len(stated) > 1 else math.nan
+        return 1 / step if 0 < step < math.inf else _USUAL_FPS
 
     def __iter__(self) -> Iterator[Frame]:
         return same_size(self._checked(), self.name)

@@ -9,7 +9,7 @@ import pytest
 from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
-from mien.video import open_video
+from mien.video import backwards, decode_frame, open_video
 from videos import gradient
 
 
@@ -19,6 +19,22 @@ def test_frames_of_a_program_are_a_video_that_is_shown_once() -> None:
     assert (video.path, video.frame_count) == (None, None)
     assert list(video) == given
     assert not list(video)
+
+
+def test_a_list_of_frames_is_read_again_like_a_file() -> None:
+    images = [np.full((4, 6, 3), value, np.uint8) for value in (10, 20, 30)]
+    video = open_video([Frame(image, index, 0.5 + 0.04 * index) for index, image in enumerate(images)])
+    assert video.repeatable
+    assert (video.frame_count, video.fps) == (3, pytest.approx(25))
+    assert [frame.index for frame in (*video, *video)] == [0, 1, 2] * 2
+    assert [frame.index for frame in backwards(video, 0.53, 2)] == [1]
+    found = decode_frame(video, next(iter(video)), 1, 0.54)
+    assert found.pixels.max() == 20
+
+
+def test_a_list_without_times_has_the_usual_frame_rate() -> None:
+    assert open_video([Frame(np.zeros((4, 6, 3), np.uint8))] * 3).fps == 30
+    assert open_video([]).fps == 30
 
 
 def test_frames_of_a_program_are_of_one_size() -> None:
