@@ -20,13 +20,13 @@ from ablation import Run, prepare, print_tables, score, scored
 from inputs import carry_out
 from recordings import apart_deg
 
-from mien import pipeline
 from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
 from mien.frame import Frame
 from mien.initialization.detector import detect
+from mien.pipeline import run as both_ways
 from mien.start import first_frame
 from mien.start.footage import Footage
 from mien.tracking.realtime import RealtimeTracker
@@ -61,6 +61,10 @@ class Played:
         return str(self.path)
 
     @property
+    def repeatable(self) -> bool:
+        return True
+
+    @property
     def frame_count(self) -> int:
         return len(self.frames)
 
@@ -72,9 +76,9 @@ def as_tracked(run: Run) -> Score:
     """What `mien track` makes of a run: begun in the frame that shows the face best, and played both ways."""
     begin = first_frame.prepare(Footage(Played(run.sequence.video, run.frames), camera=run.sequence.camera))
     tracker = RealtimeTracker()
-    earlier = {estimate.index: estimate for estimate in pipeline.run_back(tracker, begin)}
+    earlier = {estimate.index: estimate for estimate in both_ways.run_back(tracker, begin)}
     onwards = tracker.again() if earlier else tracker
-    return scored([estimate for _, estimate in pipeline.run(onwards, begin, earlier)], run)
+    return scored([estimate for _, estimate in both_ways.run(onwards, begin, earlier)], run)
 
 
 def starts(run: Run) -> Iterator[tuple[Score, Score]]:

@@ -16,7 +16,6 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import mien
-from mien import pipeline
 from mien.arrays import Pixels
 from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
@@ -24,6 +23,8 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import Landmarks, Point
+from mien.pipeline import passes, run
+from mien.pipeline import track as pipeline
 from mien.start import first_frame
 from mien.start.footage import Footage
 from mien.tracking.state import Estimate, Status
@@ -50,10 +51,16 @@ class StillTracker:
         return Estimate(frame.index, frame.time, status, self.rotation, np.array([0.0, 0.0, 9.0]), confidence=0.5)
 
 
+def use_tracker(monkeypatch: pytest.MonkeyPatch, create: Callable[[str], Any]) -> None:
+    """Let the pipeline create its trackers by this function of the preset."""
+    for module in (pipeline, passes):
+        monkeypatch.setattr(module, "create_tracker", create)
+
+
 @pytest.fixture
 def tracker(monkeypatch: pytest.MonkeyPatch) -> StillTracker:
     tracker = StillTracker()
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: tracker)
+    use_tracker(monkeypatch, lambda name: tracker)
     return tracker
 
 
@@ -68,7 +75,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
     begin = first_frame.prepare(Footage(open_video(folder)), known_portrait().landmarks)
-    pairs = list(pipeline.run(StillTracker(), begin))
+    pairs = list(run.run(StillTracker(), begin))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
     assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]
 
@@ -169,7 +176,7 @@ def test_progress_hears_of_the_search_for_a_face(passes: int, monkeypatch: pytes
         return frame, [replace(known_portrait().landmarks, frame_index=2, time=frame.time)]
 
     heard: list[tuple[int, str]] = []
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker())
+    use_tracker(monkeypatch, lambda name: PatientTracker())
     monkeypatch.setattr("mien.initialization.detector.first_with_a_face", third_frame)
     with pytest.warns(MienWarning, match="first found"):
         mien.track(folder, passes=passes, progress=lambda e, total: heard.append((e.index, e.status.value)))
@@ -204,7 +211,7 @@ def test_tracking_goes_both_ways_from_landmarks_of_a_later_frame(
     """Backwards first, so that what is learned there is known on the way on; rows are in the order of the video."""
     seen: list[list[int]] = []
     heard: list[int] = []
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Diary(seen))
+    use_tracker(monkeypatch, lambda name: Diary(seen))
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     track = mien.track(folder, landmarks=marks, progress=lambda e, total: heard.append(e.index))
     assert seen == [[3, 2, 1, 0], [3, 4, 5]]
@@ -217,7 +224,7 @@ def test_tracking_goes_both_ways_from_landmarks_of_a_later_frame(
 def test_a_face_that_was_not_there_long_before_the_first_frame_is_not_looked_for(
     tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pipeline, "_GONE_SECONDS", 0.05)
+    monkeypatch.setattr(run, "_FACELESS_SECONDS", 0.05)
     tracker.lost = (0, 1, 2, 3)
     marks = replace(known_portrait().landmarks, frame_index=5, time=0.2)
     track = mien.track(folder, landmarks=marks)
@@ -242,7 +249,7 @@ def test_the_mesh_is_drawn_on_what_comes_before_the_first_frame(
             drawn.append(estimate.index)
 
     drawn: list[int] = []
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Fitted([]))
+    use_tracker(monkeypatch, lambda name: Fitted([]))
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     mien.track(folder, landmarks=marks, overlay=tmp_path / "out.mp4")
     assert drawn == list(range(6))
@@ -251,7 +258,7 @@ def test_the_mesh_is_drawn_on_what_comes_before_the_first_frame(
 def test_stopped_on_the_way_back_the_rows_are_kept(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Diary([], stops=0))
+    use_tracker(monkeypatch, lambda name: Diary([], stops=0))
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     with pytest.warns(MienWarning, match="stopped after 2 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=marks, save=tmp_path / "out")
@@ -264,15 +271,15 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
     @contextmanager
-    def drawing(this: pipeline.Pass) -> Iterator[Callable[[Frame, Estimate, Any], None]]:
+    def drawing(*_: Any) -> Iterator[Callable[[Frame, Estimate, Any], None]]:
         def draw(frame: Frame, estimate: Estimate, tracker: Any) -> None:
             if frame.index == 1:
                 raise KeyboardInterrupt
 
         yield draw
 
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: Diary([]))
-    monkeypatch.setattr(pipeline, "drawing", drawing)
+    use_tracker(monkeypatch, lambda name: Diary([]))
+    monkeypatch.setattr(passes, "drawing", drawing)
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=marks, save=tmp_path / "out")
@@ -309,7 +316,7 @@ def test_the_window_shows_every_frame_also_before_there_is_a_face(
 
 def test_a_list_of_frames_is_tracked_like_a_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Back from where the face is learned, and twice if asked."""
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker())
+    use_tracker(monkeypatch, lambda name: PatientTracker())
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     frames = list(open_video(folder))
     tables = [mien.track(video, landmarks=marks, passes=2).table for video in (folder, frames)]
@@ -344,7 +351,7 @@ class WiserTracker(StillTracker):
 def test_all_rotations_are_told_as_they_are_known_in_the_end(
     stops: bool, monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: WiserTracker(stops))
+    use_tracker(monkeypatch, lambda name: WiserTracker(stops))
     marks = known_portrait().landmarks
     if stops:
         with pytest.warns(MienWarning, match="stopped after 4 frames"), pytest.raises(KeyboardInterrupt):
@@ -373,7 +380,7 @@ class PatientTracker(StillTracker):
 def test_the_second_pass_begins_with_what_the_first_has_learned(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker())
+    use_tracker(monkeypatch, lambda name: PatientTracker())
     heard: list[tuple[int, int | None]] = []
     track = mien.track(
         folder,
@@ -390,7 +397,7 @@ def test_the_second_pass_begins_with_what_the_first_has_learned(
 def test_stopped_in_the_second_pass_the_first_is_kept(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(pipeline, "create_tracker", lambda name: PatientTracker(stops=True))
+    use_tracker(monkeypatch, lambda name: PatientTracker(stops=True))
     with pytest.warns(MienWarning, match="stopped in the second pass"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=known_portrait().landmarks, passes=2, save=tmp_path / "out")
     kept = mien.Track.read(tmp_path / "out")
@@ -402,9 +409,9 @@ def test_stopped_in_the_second_pass_the_first_is_kept(
 def test_passes_that_cannot_be_had_are_refused(tracker: StillTracker, folder: Path) -> None:
     with pytest.raises(MienError, match="learns nothing"):
         mien.track(folder, landmarks=known_portrait().landmarks, passes=2)
-    for passes in (0, 3):
-        with pytest.raises(MienError, match=f"passes is {passes}"):
-            mien.track(folder, landmarks=known_portrait().landmarks, passes=passes)
+    for wrong in (0, 3):
+        with pytest.raises(MienError, match=f"passes is {wrong}"):
+            mien.track(folder, landmarks=known_portrait().landmarks, passes=wrong)
 
 
 def test_an_error_on_the_way_keeps_the_rows_and_says_so(

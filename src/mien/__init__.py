@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # for editors and type checkers only; at run time `__getattr_
     from mien.initialization.landmarks import Landmarks
     from mien.live import stream
     from mien.output.track import Track
-    from mien.pipeline import track
+    from mien.pipeline.track import track
     from mien.tracking.state import EXPRESSION_NAMES, Estimate, Status, Tracker
 
 # Loaded on first use, so that `import mien` and `mien --help` stay fast.
@@ -33,7 +33,7 @@ _HOME = {
     "Track": "mien.output.track",
     "Tracker": "mien.tracking.state",
     "stream": "mien.live",
-    "track": "mien.pipeline",
+    "track": "mien.pipeline.track",
     "track_faces": "mien.faces",
 }
 __all__ = [

@@ -20,9 +20,8 @@ from mien.errors import MienError, require, warn
 from mien.files import checksum, real_path, reason_of, require_writable, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
-from mien.pipeline import DEFAULT_PRESET
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
-from mien.registry import code_of, create_tracker, file_of
+from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
 from mien.start.footage import requested_options
 from mien.tracking.state import Status
 from mien.video import VIDEO_SUFFIXES, list_images

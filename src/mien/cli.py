@@ -175,7 +175,7 @@ def track(
     from mien.errors import require
     from mien.faces import track_faces
     from mien.output.destination import Destination
-    from mien.pipeline import track as track_video
+    from mien.pipeline.track import track as track_video
 
     output = _output_path(output, _stem(video) + ".csv")
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
@@ -258,7 +258,7 @@ def landmarks(
 
     If the picture is wrong, correct the file, check it with --landmarks, and pass it to mien track.
     """
-    from mien.pipeline import write_first_frame
+    from mien.pipeline.landmarks import write_first_frame
 
     output = _output_path(output, _stem(video) + ".landmarks.json")
     plot = plot or output.with_suffix(".png")

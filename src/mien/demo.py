@@ -16,7 +16,7 @@ from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
 from mien.output.overlay import OverlayWriter
 from mien.output.track import Track, track_paths
-from mien.pipeline import track
+from mien.pipeline.track import track
 from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, moved, portrait
 
 SECONDS = 4.0

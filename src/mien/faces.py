@@ -22,8 +22,10 @@ from mien.geometry.camera import Camera
 from mien.initialization.landmarks import SAME_PLACE, Landmarks, is_same_place, place_of
 from mien.output.destination import Destination
 from mien.output.track import Track
-from mien.pipeline import DEFAULT_PRESET, Pass, Progress, check_passes, mesh_of, reporter, run_passes
-from mien.registry import create_tracker, file_of
+from mien.pipeline.drawing import mesh_of
+from mien.pipeline.passes import Pass, run_passes
+from mien.pipeline.track import Progress, check_passes, reporter
+from mien.registry import DEFAULT_PRESET, create_tracker, file_of
 from mien.start.first_frame import CONFIDENT, Start, prepare
 from mien.start.footage import Footage
 from mien.start.search import DETECTION_INTERVAL, sampled_frames

@@ -14,8 +14,8 @@ from pathlib import Path
 from mien.errors import interruption, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.pipeline import DEFAULT_PRESET, warn_if_turned
-from mien.registry import checked, create_tracker
+from mien.pipeline.passes import warn_if_turned
+from mien.registry import DEFAULT_PRESET, checked, create_tracker
 from mien.start.first_frame import before_start
 from mien.start.footage import Footage
 from mien.start.search import Patience

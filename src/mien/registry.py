@@ -33,7 +33,7 @@ TRACKERS: Mapping[str, str] = MappingProxyType(
         "openface": "mien.baselines.openface:OpenFaceTracker",
     }
 )
-
+DEFAULT_PRESET = "realtime"
 
 SETTINGS: Mapping[str, str] = MappingProxyType({"realtime": "RealtimeSettings", "paper": "PaperSettings"})
 """The class in `mien.config` for the settings of each tracker that accepts a settings file."""

@@ -32,11 +32,14 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 of one core. MediaPipe ignores this and starts its own threads."""
 
 NOT_USED = (
-    "evaluation", "output", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py", "pipeline.py",
-    "processes.py", "synthetic.py",
+    "evaluation", "output", "pipeline", "start", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py",
+    "processes.py", "synthetic.py", "worker.py",
 )  # fmt: skip
 """Parts of mien on which results do not depend, apart from `READERS`."""
-READERS = [("evaluation", name) for name in ("datasets", "pose_csv.py", "points12.py", "run.py", "results.py")]
+READERS = [
+    ("evaluation", name)
+    for name in ("datasets", "pose_csv.py", "points12.py", "protocols.py", "run.py", "results.py", "worst.py")
+]
 
 
 def run_plan(
@@ -88,9 +91,11 @@ def run_plan(
 
 
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
-    """The job that makes the landmarks of a first frame; their file name contains a checksum of their inputs."""
+    """The job that makes the landmarks of a first frame; their file name contains a checksum of their inputs, with the
+    code if they are detected."""
     files = (sequence.video, *(sequence.truth_files if plan.landmarks == "truth" else ()))
-    inputs = _digest([__version__, *(_checksum(f) for f in files)])[:12]
+    code = code_checksum() if plan.landmarks == "detected" else __version__
+    inputs = _digest([code, *(_checksum(f) for f in files)])[:12]
     file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{inputs}.json"
     return Job(
         "landmarks", plan.dataset, str(plan.root), sequence.name, str(file), plan.landmarks, str(file), plan.focal_px

@@ -22,8 +22,8 @@ from mien.evaluation.worst import worst_frames
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
-from mien.pipeline import FittedTracker, settings_of
 from mien.registry import checked
+from mien.tracking.abilities import FittedTracker, settings_of
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 

@@ -302,6 +302,7 @@ class Recorder:
         self.path = path or Path(tempfile.gettempdir())
         self.face_id = face_id
         self.count = 0
+        self.last_index = -1
         self.landmark_names: tuple[str, ...] = ()
         self.mm_per_unit = 1.0
         self._buffer: list[Estimate] = []
@@ -327,6 +328,7 @@ class Recorder:
         if estimate.status.success:
             self.mm_per_unit = estimate.mm_per_unit
         self.count += 1
+        self.last_index = estimate.index
         if len(self._buffer) >= BATCH:
             self._flush()
 

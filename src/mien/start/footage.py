@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol
 
 from mien.errors import MienError, require, warn
+from mien.files import checksum, size_of
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
@@ -60,6 +63,16 @@ class Footage:
     def repeatable(self) -> bool:
         """Whether frames can be read again; a live camera yields each once: those before the face are gone."""
         return self.video.repeatable
+
+    @cached_property
+    def identity(self) -> dict[str, str | int | None]:
+        """What tells the file from another of the same name: "sha256", "bytes" and "inode"; None for what has no file,
+        or no longer has."""
+        path = self.video.path
+        with suppress(OSError):
+            if path is not None:
+                return {"sha256": checksum(path), "bytes": size_of(path), "inode": path.stat().st_ino}
+        return {"sha256": None, "bytes": None, "inode": None}
 
     def camera_of(self, frame: Frame) -> Camera:
         """The camera for images of the size of this frame. Raises MienError if its field of view is too wide."""

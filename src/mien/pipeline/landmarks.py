@@ -1,0 +1,53 @@
+"""The first frame alone: its landmarks, and how the face model fits them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mien.candide.model import Candide
+from mien.errors import require
+from mien.files import real_path, require_ending, require_writable
+from mien.geometry.camera import Camera
+from mien.initialization.fit import FirstFrame, fit_first_frame
+from mien.initialization.landmark_files import write_landmarks
+from mien.initialization.landmarks import Landmarks, Point
+from mien.start.first_frame import prepare
+from mien.start.footage import Footage
+from mien.threads import one_blas_thread
+from mien.video import open_video, refuse_among_images
+
+
+@one_blas_thread()
+def write_first_frame(
+    video: str | Path | int,
+    output: str | Path,
+    plot: str | Path,
+    *,
+    landmarks: Landmarks | str | Path | None = None,
+    camera: Camera | str | Path | None = None,
+    focal_px: float | None = None,
+    fov_deg: float | None = None,
+    start: float | None = None,
+    at_once: bool = False,
+    face: Point | None = None,
+) -> FirstFrame:
+    """Write the landmarks of the first frame, and a picture of the mesh fitted to them; return the fit.
+
+    output: a `.json`, or a `.pts` of given landmarks; plot: a `.png`. The other arguments are those of `mien.track`.
+    Raises MienError for bad input, and if no face is found.
+    """
+    from mien.output.overlay import draw_mesh, save_png
+
+    require_ending(Path(plot), (".png",))
+    require_ending(Path(output), (".json",) if landmarks is None else (".json", ".pts"))
+    for path in (Path(output), Path(plot)):
+        require(real_path(path) != real_path(Path(str(video))), f"{path} is the video; choose another name")
+        refuse_among_images(path, Path(str(video)))
+        require_writable(path)
+    begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
+    fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
+    _, points, _ = begin.landmarks.correspondences()
+    vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
+    write_landmarks(output, begin.landmarks)
+    save_png(Path(plot), draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points))
+    return fit

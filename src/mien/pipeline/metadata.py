@@ -1,0 +1,67 @@
+"""What NAME.json says of a track: everything needed to reproduce it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from mien._version import __version__
+from mien.candide.model import TRACKED_UNITS
+from mien.output.track import Recorder
+from mien.start.first_frame import Start
+from mien.start.footage import requested_options
+from mien.tracking.abilities import AxesTracker, FittedTracker, settings_of
+from mien.tracking.state import Tracker
+
+
+def metadata(
+    begin: Start, preset: str, tracker: Tracker, recorder: Recorder, number: int, face_id: int, stopped: str | None
+) -> Mapping[str, Any]:
+    """The content of NAME.json. tracker: one that has learned the face; number: of the pass; face_id: index of the face
+    in the video; stopped: why the track is not complete, None if it is."""
+    video = begin.footage.video
+    values: dict[str, Any] = {
+        "mien": __version__,
+        "complete": stopped is None,
+        "stopped": stopped,
+        "frames": recorder.count,
+        "video": {
+            "name": video.name,
+            **begin.footage.identity,
+            "width": begin.first.width,
+            "height": begin.first.height,
+            "fps": video.fps,
+        },
+        "preset": preset,
+        "passes": number,
+        "face_id": face_id,
+        "asked": requested_options(begin.footage, begin.at_once, begin.face),
+        "camera": asdict(begin.camera),
+        "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
+        "landmark_names": list(recorder.landmark_names),
+        "mm_per_unit": recorder.mm_per_unit,
+    }
+    settings = settings_of(tracker)
+    if settings:
+        values["settings"] = settings
+    if isinstance(tracker, FittedTracker):
+        names = tracker.fit.model.shape_unit_names
+        values["shape_units"] = dict(zip(names, (np.round(tracker.fit.sigma, 6) + 0.0).tolist(), strict=True))
+        values["fit_residual_px"] = round(tracker.fit.residual_px, 4)
+        values["mesh"] = _mesh_at_rest(tracker)
+    return values
+
+
+def _mesh_at_rest(tracker: FittedTracker) -> dict[str, Any]:
+    """What `Track.mesh` needs: in millimetres and the axes of the head, as they are known now, the vertices (V, 3) at
+    rest, and of each animation unit the displacements (m, 3) of those of the vertices that it moves."""
+    fit = tracker.fit
+    turn = fit.mm_per_unit * (tracker.axes.turn if isinstance(tracker, AxesTracker) else np.eye(3))
+    units = {}
+    for name, displacements in zip(TRACKED_UNITS, fit.model.animation_units, strict=True):
+        moved = np.flatnonzero(np.abs(displacements).max(axis=1) > 0)
+        units[name] = {"moved": moved.tolist(), "by": np.round(displacements[moved] @ turn, 2).tolist()}
+    return {"vertices": np.round(fit.shape @ turn, 2).tolist(), "units": units}

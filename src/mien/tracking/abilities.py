@@ -1,0 +1,63 @@
+"""What a tracker may offer beside `Tracker`; what it does not offer is left out of overlays and files."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+from pydantic import BaseModel
+
+from mien.arrays import Array
+from mien.initialization.fit import FirstFrame
+from mien.tracking.state import Estimate, Tracker
+
+
+@runtime_checkable
+class FittedTracker(Protocol):
+    """A tracker that fits CANDIDE to the first frame, so that files can store the fit and overlays show its mesh.
+
+    mesh: vertices (V, 3) at an estimate, camera axes, CANDIDE units; None where the face is lost.
+    """
+
+    fit: FirstFrame
+
+    def mesh(self, estimate: Estimate) -> Array | None: ...
+
+
+@runtime_checkable
+class ShapeTracker(Protocol):
+    """A tracker that learns the depths of the landmarks while it tracks.
+
+    landmark_depths: of the n reported landmarks, (n,) along the optical axis in CANDIDE units, where the model has the
+    rotation R (3, 3), t (3,) and the animation (6,), and the eyes have closed by a share.
+    """
+
+    def landmark_depths(self, R: Array, t: Array, animation: Array, closed: float) -> Array: ...
+
+
+class Axes(Protocol):
+    """The head axes as they are known now: turn (3, 3), from the axes of the fitted model; `report_anew` returns the
+    rotation (3, 3), in camera axes, that corrects everything reported so far."""
+
+    turn: Array
+
+    def report_anew(self) -> Array: ...
+
+
+@runtime_checkable
+class AxesTracker(Protocol):
+    """A tracker that learns the axes of the head while it tracks."""
+
+    axes: Axes
+
+
+@runtime_checkable
+class RepeatableTracker(Protocol):
+    """A tracker that can start again with what it has learned."""
+
+    def again(self) -> Tracker: ...
+
+
+def settings_of(tracker: Tracker) -> dict[str, Any]:
+    """The settings of a tracker as plain values; empty if it has none."""
+    own = getattr(tracker, "settings", None)
+    return dict(own.model_dump(mode="json")) if isinstance(own, BaseModel) else {}
