@@ -22,6 +22,7 @@ from mien.batch import BatchOptions, Row, find_videos, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
+from mien.output.overlay import OverlayWriter
 from mien.output.track import ENDINGS, Track
 from mien.processes import Command
 from mien.tracking.state import Estimate, Status
@@ -186,6 +187,27 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
             find_videos(paths, out)
     with pytest.raises(MienError, match="unknown tracker 'papper'"):
         track_all([videos], tmp_path / "out", BatchOptions(preset="papper"))
+    for options, message in (
+        (BatchOptions(end=float("nan")), "end is nan"),
+        (BatchOptions(focal_px=500, fov_deg=60), "in more than one way"),
+        (BatchOptions(start=2, end=1), "must come before the end"),
+    ):
+        with pytest.raises(MienError, match=message):
+            track_all([videos], tmp_path / "out", options)
+    assert not (tmp_path / "out" / "summary.csv").exists()
+
+
+def test_a_video_that_is_named_twice_is_one(videos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    one = [(videos / "a.mp4", out / "a.csv")]
+    assert find_videos([videos / "a.mp4", videos / "sub" / ".." / "a.mp4"], out) == one
+    assert len(find_videos([videos / "sub", videos], out)) == len(find_videos([videos], out))
+
+
+def test_overlays_are_known_by_what_they_state(videos: Path, tmp_path: Path) -> None:
+    with OverlayWriter(videos / "seen.mp4") as writer:
+        writer.write(np.zeros((48, 64, 3), np.uint8), 0.0)
+    assert not [video for video, _ in find_videos([videos], tmp_path / "out") if video.name == "seen.mp4"]
 
 
 def test_every_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -253,7 +275,7 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]
     assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
     camera = tmp_path / "camera.json"
-    camera.write_text("{}")
+    camera.write_text('{"focal_px": 500, "cx": 160, "cy": 120}')
     os.utime(camera, (0, 0))
     other = (
         BatchOptions(preset="paper"),
@@ -312,7 +334,7 @@ def test_files_of_an_earlier_run_are_noted(videos: Path, code: dict[str, str], t
     (out / "a.png").write_bytes(b"")
     code["b.avi"] = ALAS
     rows = track_all([videos], out, BatchOptions(again=True))
-    assert [row.note for row in rows] == ["a.png is from an earlier run", "alas b.csv is from an earlier run", ""]
+    assert [row.note for row in rows] == ["a.png is from an earlier run", "alas; b.csv is from an earlier run", ""]
 
 
 def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path) -> None:

@@ -93,3 +93,9 @@ def test_decoded_images_are_freed_at_once(video: Path) -> None:
 def test_numbers_of_numpy_become_plain() -> None:
     frame = Frame(gradient(0), np.int64(3), np.float32(0.5))  # type: ignore[arg-type]
     assert (type(frame.index), type(frame.time)) == (int, float)
+
+
+@pytest.mark.parametrize(("index", "time"), [(None, 0.0), (0, None), (0.5, 0.0), (0, "1")])
+def test_index_and_time_are_numbers(index: Any, time: Any) -> None:
+    with pytest.raises(MienError, match="a frame has the index"):
+        Frame(np.zeros((4, 4, 3), np.uint8), index, time)

@@ -324,6 +324,20 @@ def test_a_list_of_frames_is_tracked_like_a_file(folder: Path, monkeypatch: pyte
     assert None not in tables[1].column("pose_Rx").to_pylist()
 
 
+@pytest.mark.parametrize("at_once", [True, False])
+@pytest.mark.parametrize(("time", "first"), [(0.5, 3), (0.499, 3), (0.43, 2), (0.46, 3), (0.1, 1), (0.51, 3)])
+def test_landmarks_belong_to_the_frame_that_is_nearest_in_time(
+    time: float, first: int, at_once: bool, tracker: StillTracker
+) -> None:
+    """However irregular the times of the video are."""
+    stamps = (0.0, 0.1, 0.4, 0.5, 3.0, 6.0)
+    frames = [Frame(image, k, t) for k, (image, t) in enumerate(zip(portrait_images(), stamps, strict=True))]
+    marks = replace(known_portrait().landmarks, frame_index=first, time=time)
+    track = mien.track(frames if at_once else iter(frames), landmarks=marks)
+    assert track.status.index("initialized") == first
+    assert track.index.tolist() == list(range(6))
+
+
 def test_frames_before_the_given_landmarks_have_rows_as_of_a_file(tracker: StillTracker, folder: Path) -> None:
     marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
     track = mien.track(iter(list(open_video(folder))), landmarks=marks)

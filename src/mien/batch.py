@@ -18,11 +18,11 @@ import numpy as np
 from mien._version import __version__
 from mien.errors import MienError, require, warn
 from mien.files import checksum, real_path, reason_of, require_writable, size_of, whole_file
-from mien.output.destination import Destination
+from mien.output.destination import OVERLAY_ENDINGS, Destination
 from mien.output.track import Track
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
-from mien.start.footage import requested_options
+from mien.start.footage import check_options, requested_options
 from mien.tracking.state import Status
 from mien.video import VIDEO_SUFFIXES, list_images
 
@@ -121,7 +121,8 @@ def track_all(
     written; a video that cannot be tracked becomes a row in the state `failed`.
     """
     options = options or BatchOptions()
-    create_tracker(options.preset)  # report an unknown preset once, now, and not for every video
+    create_tracker(options.preset)  # report wrong options once, now, and not for every video
+    check_options(options)
     notes = _notes(out / SUMMARY)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
@@ -159,7 +160,10 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     The table's name includes the suffix of the video if another video in its folder has the same stem, or if the table
     would otherwise be named like that of another video's further face, or like the summary.
     """
-    found = list(dict.fromkeys(pair for path in paths for pair in _videos_of(path, out)))
+    each: dict[Path, tuple[Path, Path]] = {}
+    for video, place in chain.from_iterable(_videos_of(path, out) for path in paths):
+        each.setdefault(real_path(video), (video, place))
+    found = list(each.values())
     require(bool(found), f"{', '.join(map(str, paths))}: no video found; mien looks for {', '.join(VIDEO_SUFFIXES)}")
     alike = Counter(place.with_suffix("") for _, place in found)
     tables: dict[Path, Path] = {}
@@ -237,8 +241,12 @@ def _times(files: Iterable[Path]) -> dict[Path, int]:
 
 
 def _is_overlay(file: Path) -> bool:
-    """Whether a video is named like an overlay of mien, with the table to which it belongs beside it."""
-    return file.name.endswith(_OVERLAY) and file.with_name(f"{file.name.removesuffix(_OVERLAY)}.csv").exists()
+    """Whether a video is an overlay of mien: by its name, with the table to which it belongs beside it, or by what the
+    file states, whatever its name."""
+    from mien.output.overlay import is_overlay
+
+    named = file.name.endswith(_OVERLAY) and file.with_name(f"{file.name.removesuffix(_OVERLAY)}.csv").exists()
+    return named or (file.suffix.lower() in OVERLAY_ENDINGS and is_overlay(file))
 
 
 def _command(row: Row, options: BatchOptions) -> Call:
@@ -285,9 +293,9 @@ def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
     of_earlier_run = [f"{', '.join(old)} {'is' if len(old) == 1 else 'are'} from an earlier run"] * bool(old)
     if ended.reason:
         messages = messages or [f"{row.video}: {ended.reason}"]
-        return [replace(row, state=FAILED, note=" ".join(messages + of_earlier_run))]
+        return [replace(row, state=FAILED, note="; ".join(messages + of_earlier_run))]
     try:
-        return _face_rows(replace(row, state=TRACKED, note=" ".join(messages + of_earlier_run)), Track.read(row.table))
+        return _face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
 

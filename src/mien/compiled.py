@@ -35,8 +35,8 @@ _PACKAGES = ("appearance", "candide", "geometry", "tracking")
 
 @cache
 def _source_stamp() -> str:
-    """Digest of all source that kernels are compiled from."""
-    digest, root = sha256(), Path(__file__).parent
+    """Digest of all source that kernels are compiled from, and of how they are."""
+    digest, root = sha256(Path(__file__).read_bytes()), Path(__file__).parent
     for file in sorted(chain.from_iterable((root / package).rglob("*.py") for package in _PACKAGES)):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -136,13 +137,12 @@ def track_faces(
 
     Raises MienError for bad input, or if no face is found.
     """
-    tracker = create_tracker(preset)
     inputs = (video, camera, file_of(preset))
     footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
     files = Destination.checked(save, overlay, plot, inputs)
-    check_passes(passes, footage.video, tracker, preset)
+    check_passes(passes, footage.video, create_tracker(preset), preset)
     name = footage.video.name
-    require(isinstance(faces, int) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
+    require(isinstance(faces, Integral) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
     require(footage.repeatable, f"{name} can be read only once; several faces need a file or a list of frames")
     detections = list(_detections(footage))
     require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")

@@ -6,6 +6,7 @@ import math
 import threading
 from dataclasses import dataclass
 from functools import cache, cached_property
+from numbers import Real
 from typing import Any
 
 import cv2
@@ -26,6 +27,8 @@ class Frame:
         """pixels: (H, W, 3) uint8 RGB, or a decoded image that provides them. Raises MienError for anything else."""
         if not isinstance(pixels, Decoded):
             _check(pixels)
+        numbers = isinstance(index, (int, np.integer)) and isinstance(time, Real)
+        require(numbers, f"a frame has the index {index!r} and the time {time!r}; give a number from 0, and seconds")
         self.image, self.index, self.time = pixels, int(index), float(time)
         self.height, self.width = (int(n) for n in pixels.shape[:2])
 

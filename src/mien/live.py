@@ -47,8 +47,8 @@ def stream(
     """
     valid = isinstance(anew_after, Real) and anew_after >= 0
     require(valid, f"anew_after is {anew_after!r}; give a number of seconds")
-    create_tracker(preset)  # report bad arguments now, not when the first frame is requested
-    return _interruptible(_stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, anew_after))
+    first = create_tracker(preset)  # report bad arguments now, not when the first frame is requested
+    return _interruptible(_stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, first, anew_after))
 
 
 def _interruptible(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tuple[Frame, Estimate]]:
@@ -61,7 +61,10 @@ def _interruptible(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tupl
         raise
 
 
-def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[Frame, Estimate]]:
+def _stream(
+    footage: Footage, preset: str, first: Tracker | None, anew_after: float
+) -> Iterator[tuple[Frame, Estimate]]:
+    """first: the tracker of the first face; every later one is created."""
     patience: Patience | None = None
     tracker: Tracker | None = None
     seen, doubtful = 0.0, False
@@ -70,7 +73,7 @@ def _stream(footage: Footage, preset: str, anew_after: float) -> Iterator[tuple[
             patience = Patience(footage.camera_of(frame))
         faces = patience(frame) if tracker is None or (doubtful and frame.time - seen > anew_after) else []
         if faces:
-            tracker = create_tracker(preset)
+            tracker, first = first or create_tracker(preset), None
             estimate = checked(tracker.initialize(frame, faces[0], patience.camera), tracker, frame)
             patience, seen = Patience(patience.camera), frame.time
             warn_if_turned(estimate, footage.video)

@@ -244,7 +244,8 @@ class _Process:
         if status == 0:
             return ""
         if status < 0:
-            return f"the process crashed ({signal.Signals(-status).name})"
+            names = {number.value: number.name for number in signal.Signals}
+            return f"the process crashed ({names.get(-status, f'signal {-status}')})"
         return self._failure_message() or f"the process ended with status {status}"
 
     def output_lines(self) -> tuple[str, ...]:

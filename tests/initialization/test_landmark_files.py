@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import SCHEMES, Landmarks
+from videos import known_portrait
 
 RNG = np.random.default_rng(2)
 POINTS = np.round(RNG.uniform(50, 200, (68, 2)), 3)
@@ -167,3 +169,24 @@ def test_csv_that_lacks_a_column(tmp_path: Path) -> None:
     path = openface(tmp_path / "l.csv", [{k: v for k, v in row(0.0).items() if k != "y_33"}])
     with pytest.raises(MienError, match="lacks the column y_33"):
         read_landmarks(path)
+
+
+def test_json_of_a_video_of_another_size_is_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "out.json"
+    content = {"video": {"width": 240, "height": 240}, "landmarks": known_portrait().landmarks.to_dict()}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.warns(MienWarning, match="of a video of 240x240 pixels, and this one has 480x360"):
+        read_landmarks(path, size=(480, 360))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_landmarks(path, size=(240, 240))
+
+
+def test_json_of_another_frame_needs_its_time(tmp_path: Path) -> None:
+    path = tmp_path / "marks.json"
+    values = known_portrait().landmarks.to_dict() | {"frame": 60}
+    del values["time"]
+    path.write_text(json.dumps(values), encoding="utf-8")
+    with pytest.raises(MienError, match="states no time of its frame 60"):
+        read_landmarks(path)
+    assert read_landmarks(path, 60, 2.0).time == 2.0

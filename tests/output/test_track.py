@@ -361,6 +361,17 @@ def test_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -
     assert Track.read(tmp_path / "out.csv").table["note"].to_pylist() == words
 
 
+def test_the_name_of_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -> None:
+    own = track.table.append_column("stimulus, shown", pa.array(["a"] * len(track)))
+    Track(own, track.metadata).save(tmp_path / "out")
+    assert Track.read(tmp_path / "out.csv").table.column_names[-1] == "stimulus, shown"
+
+
+def test_pairs_of_a_stream_are_no_estimates() -> None:
+    with pytest.raises(MienError, match="yields pairs of a frame and its estimate"):
+        Track.from_estimates([(None, None)])  # type: ignore[list-item]
+
+
 def test_a_track_without_the_deviation_of_the_eyes_is_plotted(track: Track, tmp_path: Path) -> None:
     part = replace(track, table=track.table.drop_columns([EYES_CLOSED_SD]))
     assert part.eyes_closed is not None

@@ -36,6 +36,18 @@ def test_images_of_16_bits_may_use_fewer(bits: int, tmp_path: Path) -> None:
     np.testing.assert_array_equal(frames_of(tmp_path)[1].pixels, gradient(9))
 
 
+def test_images_of_16_bits_stay_alike(tmp_path: Path) -> None:
+    """Where a later one is brighter, by a spot or as a whole."""
+    for k in range(40):
+        image = np.full((48, 64), 1000, np.uint16)
+        image[:12] = 1000 if k < 20 else 1100
+        cv2.imwrite(str(tmp_path / f"{k}.png"), image)
+    assert {int(frame.pixels[-1, 0, 0]) for frame in frames_of(tmp_path)} == {1000 >> 4}
+    cv2.imwrite(str(tmp_path / "1.png"), np.full((48, 64), 60000, np.uint16))  # not among those looked at
+    values = [int(frame.pixels[-1, 0, 0]) for frame in frames_of(tmp_path)]
+    assert values == [1000 >> 4, 255, *[1000 >> 4] * 38]
+
+
 def _exif(orientation: int) -> bytes:
     """A TIFF header with a single entry, the orientation."""
     entry = struct.pack("<HHIHH", 274, 3, 1, orientation, 0)

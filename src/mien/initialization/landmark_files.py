@@ -10,6 +10,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.csv_files import csv_rows
-from mien.errors import MienError, require
+from mien.errors import MienError, require, warn
 from mien.files import json_text, whole_file
 from mien.initialization.landmarks import SCHEME_OF_COUNT, Landmarks
 
@@ -26,17 +27,20 @@ TIME_TOLERANCE = 0.5
 """Largest time difference in seconds between a frame and the nearest row of a CSV."""
 
 
-def read_landmarks(path: str | Path, index: int = 0, time: float = 0.0) -> Landmarks:
+def read_landmarks(
+    path: str | Path, index: int = 0, time: float = 0.0, size: tuple[int, int] | None = None
+) -> Landmarks:
     """Read the landmarks of the frame with this index and time (seconds) from a `.json`, `.pts` or `.csv` file.
 
     A JSON (from `mien landmarks`, or NAME.json of a track) states its own frame; from a CSV, the row nearest in time is
-    read, or the row with this index if it has no times. Raises MienError naming the file and the remedy.
+    read, or the row with this index if it has no times. size: width and height of the frame; warns if NAME.json is that
+    of another. Raises MienError naming the file and the remedy.
     """
     is_path = isinstance(path, (str, Path))
     require(is_path, f"landmarks are {type(path)}; give mien.Landmarks or the name of a landmark file")
     path = Path(path)
     readers: dict[str, Callable[[Path, int, float], Landmarks]]
-    readers = {".json": _read_json, ".pts": _read_pts, ".csv": _read_csv}
+    readers = {".json": partial(_read_json, size=size), ".pts": _read_pts, ".csv": _read_csv}
     require(path.is_file(), f"{path}: no such file; check the name, or create one with mien landmarks VIDEO")
     require(path.suffix.lower() in readers, f"{path}: landmarks are read from {', '.join(readers)}")
     try:
@@ -55,15 +59,23 @@ def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _read_json(path: Path, index: int, time: float) -> Landmarks:
+def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None) -> Landmarks:
     text = path.read_text(encoding="utf-8-sig")
     try:
         values: dict[str, Any] = json.loads(text)
+        video = values.get("video", {})
         values = values.get("landmarks", values)  # NAME.json of a track contains those of its first frame
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
+        if values.get("frame", index) != index and "time" not in values:
+            raise MienError(f"{path} states no time of its frame {values['frame']}; add `time`, in seconds")
         index, time = int(values.get("frame", index)), float(values.get("time", time))
+        if size is not None and "width" in video and (video["width"], video["height"]) != size:
+            warn(
+                f"{path} has landmarks of a video of {video['width']}x{video['height']} pixels, and this one has "
+                f"{size[0]}x{size[1]}; if it was scaled, find its own with mien landmarks"
+            )
     except json.JSONDecodeError as error:
         raise MienError(f"{path} is not valid JSON ({error}); create it again with mien landmarks") from error
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:

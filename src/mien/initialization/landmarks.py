@@ -183,8 +183,8 @@ class Landmarks:
         return place_of(self.points)[1]
 
     def are_trackable(self, width: int, height: int) -> bool:
-        """Whether the face lies inside an image and is large enough to be tracked."""
-        return self.are_inside(width, height) and self.size >= MINIMUM_FACE_PX
+        """Whether the face lies inside an image, is large enough to be tracked, and is no mirrored one."""
+        return self.are_inside(width, height) and self.size >= MINIMUM_FACE_PX and not self._mirrored()
 
     def check(self, width: int, height: int) -> None:
         """Raise MienError for points outside the image, mirrored landmarks, faces too small to track, and depths that

@@ -77,8 +77,8 @@ def import_solution(module: str, name: str) -> Any:
     try:
         return getattr(import_module(f"mediapipe.python.solutions.{module}"), name)
     finally:
-        for name in lazy:
-            del sys.modules[name]
+        for placeholder in lazy:
+            sys.modules.pop(placeholder, None)  # another thread may have removed it
 
 
 class _LazyModule(ModuleType):

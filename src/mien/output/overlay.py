@@ -29,6 +29,7 @@ AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green,
 TEXT, LOST_TEXT = (255, 255, 255), (255, 110, 100)
 AXIS_LENGTH = 0.9  # CANDIDE units
 TIME_BASE = Fraction(1, 90_000)
+_COMMENT = "overlay by mien"
 _SHIFT = 4  # fractional bits of OpenCV's subpixel drawing
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _MAXIMUM_CAPTIONS = 6
@@ -115,6 +116,7 @@ class OverlayWriter:
             self._temporary = create_temporary(path)
             try:
                 self._container = av.open(str(self._temporary), "w", format="mp4")
+                self._container.metadata["comment"] = _COMMENT
                 self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
             except BaseException:
                 self._temporary.unlink()
@@ -155,6 +157,15 @@ class OverlayWriter:
                     move_into_place(self._temporary, self.path)
         finally:
             self._temporary.unlink(missing_ok=True)
+
+
+def is_overlay(path: Path) -> bool:
+    """Whether a video was written by `OverlayWriter`."""
+    try:
+        with av.open(str(path)) as container:
+            return bool(container.metadata.get("comment") == _COMMENT)
+    except (av.FFmpegError, OSError, ValueError):
+        return False
 
 
 def _enlarge(frame: Frame) -> tuple[Pixels, int]:

@@ -11,7 +11,7 @@ from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from csv import Error as CSVError
-from csv import reader
+from csv import reader, writer
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from io import StringIO
@@ -72,6 +72,10 @@ class Track:
         `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them."""
         with Recorder() as recorder:
             for estimate in estimates:
+                require(
+                    isinstance(estimate, Estimate),
+                    f"{type(estimate)} is no estimate; mien.stream yields pairs of a frame and its estimate",
+                )
                 recorder.add(estimate)
             known = {"landmark_names": list(recorder.landmark_names), "mm_per_unit": recorder.mm_per_unit}
             return recorder.track(known | dict(metadata or {}))
@@ -278,7 +282,9 @@ class Track:
         quoting = "none" if text <= set(TEXT_COLUMNS) else "needed"  # a column of your own may contain commas
         options = csv.WriteOptions(include_header=False, quoting_style=quoting)
         with path.open("wb") as f:
-            f.write((",".join(self.table.column_names) + "\n").encode())
+            header = StringIO()
+            writer(header, lineterminator="\n").writerow(self.table.column_names)
+            f.write(header.getvalue().encode())
             csv.write_csv(self.table, f, options)
 
     def _write_json(self, path: Path) -> None:

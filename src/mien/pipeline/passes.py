@@ -129,7 +129,9 @@ def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException) -> N
     """Write the frames that were tracked before this error, except in a second pass; the files hold the first."""
     table = learned.files.table
     if learned.number > 1 and table is not None:
-        warn(f"stopped in the second pass; {table} holds the first")
+        overlay = learned.files.overlay
+        ends = "" if overlay is None else f", and {overlay} ends where it was stopped"
+        warn(f"stopped in the second pass; {table} holds the first{ends}")
     elif recorder.count and table is not None:
         with suppress(MienError):  # the original error matters more than a failure to write the rows
             stopped = f"{type(error).__name__}: {error}".removesuffix(": ")

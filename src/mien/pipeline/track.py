@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 
 from mien.errors import require
@@ -99,7 +100,7 @@ def _show_waiting(window: Window | None, footage: Footage, frame: Frame) -> None
 
 def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
     """Raise MienError for a number of passes that the video or the tracker does not allow."""
-    require(isinstance(passes, int) and passes in (1, 2), f"passes is {passes!r}; give 1 or 2")
+    require(isinstance(passes, Integral) and passes in (1, 2), f"passes is {passes!r}; give 1 or 2")
     if passes > 1:
         require(video.repeatable, f"{video.name} can be read only once; a second pass needs a file or a list of frames")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could use; give 1")

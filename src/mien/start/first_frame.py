@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -151,12 +152,13 @@ def _begin_with_landmarks(
 ) -> Start:
     """The start with the frame to which given landmarks belong."""
     if not isinstance(landmarks, Landmarks):
-        landmarks = read_landmarks(landmarks, opening.earliest.index, opening.earliest.time)
-    first, skipped = _frame_of(landmarks, opening.frames, opening.footage.video)
+        earliest = opening.earliest
+        landmarks = read_landmarks(landmarks, earliest.index, earliest.time, (earliest.width, earliest.height))
+    first, skipped, later = _frame_of(landmarks, opening.frames, opening.footage.video)
     passed = [] if opening.footage.repeatable else skipped
     for estimate in passed:
         report(estimate)
-    return opening.start(first, landmarks, passed)
+    return replace(opening, frames=later).start(first, landmarks, passed)
 
 
 def _as_point(face: Point) -> Point:
@@ -172,22 +174,31 @@ def _require_inside(face: Point, frame: Frame) -> None:
     require(inside, f"--face {x:g} {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
 
 
-def _frame_of(landmarks: Landmarks, frames: Iterator[Frame], source: Video) -> tuple[Frame, list[Estimate]]:
-    """The frame to which landmarks belong, and estimates for those before it; if they belong to an earlier one, the
-    first frame, with a warning."""
+def _frame_of(
+    landmarks: Landmarks, frames: Iterator[Frame], source: Video
+) -> tuple[Frame, list[Estimate], Iterator[Frame]]:
+    """The frame to which landmarks belong, the one nearest in time, estimates for those before it, and the frames after
+    it. If they belong to a time before all frames, it is the first, with a warning."""
     skipped = list[Estimate]()
-    for first in frames:
-        if first.time > landmarks.time - 0.5 / source.fps:
+    before, reached = None, None
+    for frame in frames:
+        if frame.time >= landmarks.time:
+            reached = frame
             break
-        skipped.append(before_landmarks(first))
-    else:
+        skipped.append(before_landmarks(frame))
+        before = frame
+    since = math.inf if before is None else landmarks.time - before.time
+    until = 0.5 / source.fps if reached is None else reached.time - landmarks.time
+    if before is not None and since < until:
+        return before, skipped[:-1], frames if reached is None else chain([reached], frames)
+    if reached is None:
         raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
-    if first.time - landmarks.time > 1.5 / source.fps:
+    if until > 1.5 / source.fps:
         warn(
-            f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {first.time:.2f} s; "
+            f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {reached.time:.2f} s; "
             f"--start {landmarks.time:.2f} begins where it belongs"
         )
-    return first, skipped
+    return reached, skipped, frames
 
 
 def _rounded_as_saved(landmarks: Landmarks) -> Landmarks:

@@ -39,16 +39,7 @@ class Footage:
     end: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start", "end", "focal_px", "fov_deg"):
-            value = getattr(self, name)
-            number = value is None or (isinstance(value, Real) and math.isfinite(value))
-            require(number, f"{name} is {value!r}; give a number, or omit it")
-        given = [v for v in (self.camera, self.focal_px, self.fov_deg) if v is not None]
-        require(
-            len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view"
-        )
-        if self.camera is not None and not isinstance(self.camera, Camera):
-            read_camera(self.camera)  # report errors in it now, not at the first frame
+        check_options(self)
 
     def frames(self) -> Iterator[Frame]:
         """The frames of this part, decoded from the beginning; see `select`."""
@@ -111,6 +102,20 @@ class FootageOptions(Protocol):
     def start(self) -> float | None: ...
     @property
     def end(self) -> float | None: ...
+
+
+def check_options(options: FootageOptions) -> None:
+    """Raise MienError for options that no video allows, and for a file of a camera that cannot be read."""
+    for name in ("start", "end", "focal_px", "fov_deg"):
+        value = getattr(options, name)
+        number = value is None or (isinstance(value, Real) and math.isfinite(value))
+        require(number, f"{name} is {value!r}; give a number, or omit it")
+    start, end = options.start, options.end
+    require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
+    given = [v for v in (options.camera, options.focal_px, options.fov_deg) if v is not None]
+    require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
+    if options.camera is not None and not isinstance(options.camera, Camera):
+        read_camera(options.camera)
 
 
 def requested_options(options: FootageOptions, at_once: bool, face: Point | None = None) -> dict[str, Any]:

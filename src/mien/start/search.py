@@ -76,7 +76,7 @@ def find_face(
             "annotate one and pass --landmarks, or enlarge or brighten the video"
         )
     first, faces = found
-    if len(times) > 1:
+    if first.time > times[0]:
         warn(f"{name}: a face is first found at {first.time:.2f} s")
     if len(faces) > 1:
         warn(
@@ -109,7 +109,11 @@ class Patience:
                 self.first_detection = None
             return []
         self.last_seen = frame.time
-        self.first_detection = self.first_detection or (faces[0], fit_first_frame(faces[0], self.camera))
+        if self.first_detection is None:
+            try:
+                self.first_detection = faces[0], fit_first_frame(faces[0], self.camera)
+            except MienError:  # no face has such landmarks; the next frame may show it better
+                return []
         first, fit = self.first_detection
         waited = frame.time - first.time
         if waited < _PATIENCE and not _into_camera(rotation_of(faces[0], first, self.camera, fit.R), fit.t):

@@ -22,8 +22,8 @@ class Clock:
         self.offset = 0.0  # added to what is stated after a jump back
 
     def time_of(self, stated: float | None, duration: float) -> float:
-        """The time in seconds of the next frame. stated: None or NaN if it is not; duration: seconds."""
-        stamp = self.until if stated is None or math.isnan(stated) else stated + self.offset
+        """The time in seconds of the next frame. stated: None, or not finite, if it is not; duration: seconds."""
+        stamp = self.until if stated is None or not math.isfinite(stated) else stated + self.offset
         if stamp < self.time - _JUMP_S:
             if self.offset == 0:
                 warn(f"{self.name}: time jumps back from {self.time:.2f} to {stamp:.2f} s; later times are shifted")

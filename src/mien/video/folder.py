@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,8 @@ from mien.frame import Frame
 from mien.video.scaling import same_size
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+_SAMPLED_IMAGES = 16
+"""Number of images that are looked at to find out how many bits a folder of 16-bit images uses."""
 FOLDER_FPS = 25.0
 """Frame rate assumed for a folder of images, which carries no time stamps."""
 
@@ -47,18 +51,23 @@ class ImageFolder:
         return same_size(self._frames(), self.name)
 
     def _frames(self) -> Iterator[Frame]:
-        count = bits = 0
+        count = 0
         for index, file in enumerate(self.images):
             image = _read_image(file)
             if image is None:
                 warn(f"{file} is not a readable image and was skipped")
                 continue
             if image.dtype == np.uint16:
-                bits = max(bits, int(image.max()).bit_length())
-                image = _eight_bit(image, bits)
+                image = _eight_bit(image, self._bits)
             yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, index / self.fps)
             count += 1
         require(count > 0, f"{self.path}: none of its {len(self.images)} images could be read; check the files")
+
+    @cached_property
+    def _bits(self) -> int:
+        """How many of 16 bits the images use: as many as any of a sample, so that their brightness stays alike."""
+        sample = (_read_image(file) for file in self.images[:: math.ceil(len(self.images) / _SAMPLED_IMAGES)])
+        return max((int(image.max()).bit_length() for image in sample if image is not None), default=0)
 
 
 def open_folder(path: Path) -> ImageFolder:
@@ -99,6 +108,6 @@ def _read_image(file: Path) -> Any:
 
 
 def _eight_bit(image: NDArray[np.uint16], bits: int) -> Pixels:
-    """The upper 8 of the bits that are used: cameras store 10 or 12 bits in files of 16."""
+    """The upper 8 of the bits that are used: cameras store 10 or 12 bits in files of 16. What exceeds them is white."""
     used = next(depth for depth in (8, 10, 12, 14, 16) if depth >= bits)
-    return (image >> (used - 8)).astype(np.uint8)
+    return (np.minimum(image, (1 << used) - 1) >> (used - 8)).astype(np.uint8)

@@ -10,6 +10,7 @@ where the images show them.
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -78,8 +79,9 @@ def _sequence(video: Path) -> Sequence | None:
 
 def _read_npz(path: Path) -> Mapping[str, Any]:
     try:
-        values = dict(np.load(path))
-    except (OSError, ValueError, EOFError, BadZipFile) as e:
+        with np.load(path) as file:
+            values = dict(file)
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as e:
         raise MienError(f"{path} is not a readable npz file ({e}); create it again") from e
     require("R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)")
     return values

@@ -54,7 +54,7 @@ class Keyframe:
     def features(self) -> tuple[Float32, Array]:
         """SIFT descriptors (m, 128) and their points (m, 3) in head axes; m may be 0."""
         X = self.fit.vertices(self.animation) @ self.R.T + self.t
-        depth = depth_buffer(X, self.fit.model.triangles, self.view, *self.gray.shape)
+        depth = depth_buffer(X, self.fit.model.triangles, self.view, *self.gray.shape[::-1])
         mask = np.isfinite(depth).astype(np.uint8)
         keypoints, descriptors = cv2.SIFT.create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(self.gray, mask)
         if not keypoints:
