@@ -19,7 +19,7 @@ from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization import detector
-from mien.initialization.landmarks import place_of
+from mien.initialization.landmarks import Place, place_of
 from mien.initialization.mediapipe_mesh import silenced
 from mien.start.search import Patience
 from small_motion import face, small_motion, turned_portrait
@@ -240,3 +240,35 @@ print(callable(drawing_utils.plt.figure), "matplotlib.figure" in sys.modules)
 """
     answer = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert answer.stdout.split() == ["False", "True", "True"]
+
+
+FACE = np.random.default_rng(2).uniform(60, 180, (478, 3))
+TURNED = np.column_stack([240 - FACE[:, :2], FACE[:, 2]])
+
+
+@pytest.mark.parametrize(
+    ("upright", "turned", "found"),
+    [
+        (0.003, None, FACE),  # turned copies are not looked at
+        (0.008, None, FACE),
+        (0.008, (TURNED, 0.05), FACE),
+        (0.03, (TURNED, 0.002), TURNED),
+        (None, (TURNED, 0.003), TURNED),
+        (None, (TURNED, 0.01), None),  # of a face that the border cuts, as the next ones
+        (0.0062, (TURNED, 0.0061), None),
+        (0.0073, (TURNED, 0.0048), None),
+        (0.0044, (FACE + 2, 0.0026), FACE + 2),  # a face that lies on its side is found either way
+        (None, None, None),
+    ],
+)
+def test_a_face_is_upside_down_only_if_it_is_seen_far_better_so(
+    upright: float | None, turned: tuple[Array, float] | None, found: Array | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def consensus(frame: Frame, place: Place, turn_deg: float = 0.0) -> tuple[Array, float] | None:
+        return turned if turn_deg else None if upright is None else (FACE, upright)
+
+    monkeypatch.setattr(detector, "_consensus", consensus)
+    averaged = detector._average(Frame(np.zeros((240, 240, 3), np.uint8)), FACE)
+    assert (averaged is None) == (found is None)
+    if found is not None:
+        np.testing.assert_array_equal(averaged, found)
