@@ -49,8 +49,8 @@ _AGREEMENT = 0.004
 (once 0.009) for upright faces, 0.005 to 0.08 for faces upside down."""
 _TURNED_AGREEMENT, _FAR_BETTER = 0.006, 0.5
 """A face is upside down if the turned copies differ by less: if the upright ones show no face, and else as a fraction
-of their difference. Measured: 0.001 to 0.006 and mostly below 0.4 for faces upside down, 0.7 to 1 for upright faces that
-the border cuts below the nose."""
+of their difference. Measured: 0.001 to 0.006 and mostly below 0.4 for faces upside down, 0.7 to 1 for upright faces
+that the border cuts below the nose."""
 
 
 def detect(frame: Frame, at: Point | None = None) -> list[Landmarks]:
