@@ -224,7 +224,8 @@ def test_a_closer_look_is_that_of_detection() -> None:
     (once,), (several,) = detector.detect_once(frame), detector.detect(frame)
     refined = detector.refine(frame, once)
     assert refined is not None
-    np.testing.assert_allclose(refined.points, several.points)
+    np.testing.assert_allclose(refined[0].points, several.points)
+    assert 0 < refined[1] < 0.003
     assert detector.refine(_texture(), once) is None
 
 
@@ -270,5 +271,5 @@ def test_a_face_is_upside_down_only_if_it_is_seen_far_better_so(
     monkeypatch.setattr(detector, "_consensus", consensus)
     averaged = detector._average(Frame(np.zeros((240, 240, 3), np.uint8)), FACE)
     assert (averaged is None) == (found is None)
-    if found is not None:
-        np.testing.assert_array_equal(averaged, found)
+    if averaged is not None:
+        np.testing.assert_array_equal(averaged[0], found)

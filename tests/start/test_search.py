@@ -62,7 +62,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
     monkeypatch.setattr(
         "mien.initialization.detector.detect_once", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
     )
-    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
+    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: (face, 0.0))
     monkeypatch.setattr(search, "DETECTION_INTERVAL", 0.2)
     return hidden
 
@@ -105,6 +105,42 @@ def test_a_blurred_look_is_left_for_one_that_is_turned_a_little(
     pictures = [frame.pixels for frame in turning.frames]
     pictures[15] = np.asarray(cv2.GaussianBlur(pictures[15], (0, 0), 4), np.uint8)
     video = write_video(tmp_path / "blurred.mkv", pictures)
+    assert prepare(Footage(open_video(video), face().camera)).first.index == 20
+
+
+@pytest.mark.parametrize(
+    ("covered", "start", "most", "index"),
+    [
+        ((15,), 0.0, 8, 20),  # a hand is before the mouth for a moment
+        ((15,), 0.0, 1, 15),  # the best of those that are looked at
+        ((), 0.36, 8, 14),
+        (range(12, 24), 0.36, 8, 9),  # for good: as in the first frame, before it was
+        (range(12), 0.36, 8, 14),
+    ],
+)
+def test_a_covered_look_is_left_for_another(
+    covered: Sequence[int],
+    start: float,
+    most: int,
+    index: int,
+    detector: set[int],
+    video: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Copies of its frame show the landmarks at different places."""
+    monkeypatch.setattr(search, "_MOST_REFINED", most)
+    monkeypatch.setattr(
+        "mien.initialization.detector.refine", lambda frame, face: (face, 0.009 if frame.index in covered else 0.001)
+    )
+    assert prepare(Footage(open_video(video), face().camera, start=start)).first.index == index
+
+
+def test_a_look_that_copies_do_not_confirm_is_left(
+    detector: set[int], video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "mien.initialization.detector.refine", lambda frame, face: None if frame.index == 15 else (face, 0.001)
+    )
     assert prepare(Footage(open_video(video), face().camera)).first.index == 20
 
 

@@ -69,7 +69,7 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
         for k, frame in enumerate(frames):
             seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
             averaged = (_average(frame, face) for face in seen)
-            found = (_landmarks(frame, face) for face in averaged if face is not None)
+            found = (_landmarks(frame, face[0]) for face in averaged if face is not None)
             faces = [face for face in found if face.are_inside(frame.width, frame.height)]
             if any(face.are_trackable(frame.width, frame.height) for face in faces):
                 return frame, faces
@@ -104,11 +104,12 @@ def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, La
                 yield frame, face
 
 
-def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
-    """Average the landmarks of a single detection over copies of the frame; None if the copies do not confirm it."""
+def refine(frame: Frame, face: Landmarks) -> tuple[Landmarks, float] | None:
+    """Average the landmarks of a single detection over copies of the frame; also returns how far these disagree, as the
+    median difference of coordinates over the face's size. None if the copies do not confirm it."""
     assert face.depths is not None, "a detected face has depths"
     averaged = _average(frame, np.column_stack([face.points, face.depths]))
-    return None if averaged is None else _landmarks(frame, averaged)
+    return None if averaged is None else (_landmarks(frame, averaged[0]), averaged[1])
 
 
 def _match(frame: Frame, faces: list[Array], before: Landmarks) -> Landmarks | None:
@@ -127,9 +128,9 @@ def _landmarks(frame: Frame, face: Array) -> Landmarks:
     return Landmarks(face[:, :2], f"mediapipe{len(face)}", face[:, 2], frame.index, frame.time, "detected face")
 
 
-def _average(frame: Frame, face: Array) -> Array | None:
-    """Mean points (n, 3) of a face over rotated and scaled copies of the image around it; None if less than half of the
-    copies show it, or if it may be upright or upside down.
+def _average(frame: Frame, face: Array) -> tuple[Array, float] | None:
+    """Mean points (n, 3) of a face over rotated and scaled copies of the image around it, and how far these disagree,
+    see `_consensus`; None if less than half of the copies show it, or if it may be upright or upside down.
 
     In a face upside down the network sees an upright one, at a different place in each copy: if the copies disagree,
     they are rotated by 180 degrees as well, and taken so if they then agree far better. In a face that the border cuts
@@ -138,14 +139,14 @@ def _average(frame: Frame, face: Array) -> Array | None:
     place = place_of(face)
     upright = _consensus(frame, place)
     if upright is not None and upright[1] <= _AGREEMENT:
-        return upright[0]
+        return upright
     turned = _consensus(frame, place, turn_deg=180.0)
     if turned is None or (upright is not None and upright[1] <= turned[1]):
-        return None if upright is None else upright[0]
+        return upright
     if upright is None:
-        return turned[0] if turned[1] <= _TURNED_AGREEMENT else None
+        return turned if turned[1] <= _TURNED_AGREEMENT else None
     sideways = float(np.abs(turned[0] - upright[0])[:, :2].mean()) < _OUTLIER * place[1]  # found alike either way
-    return turned[0] if sideways or turned[1] < _FAR_BETTER * upright[1] else None
+    return turned if sideways or turned[1] < _FAR_BETTER * upright[1] else None
 
 
 def _consensus(frame: Frame, place: Place, turn_deg: float = 0.0) -> tuple[Array, float] | None:

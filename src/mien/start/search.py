@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice, takewhile
 
@@ -15,7 +15,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmarks import Landmarks, Point
-from mien.initialization.looks import detail, expected_errors, rotation_of
+from mien.initialization.looks import detail, disagreement_error, expected_errors, rotation_of
 from mien.start.footage import Footage
 from mien.tracking.scene import numbered_by_shot
 from mien.video import decode_frame
@@ -28,6 +28,10 @@ BACK_SECONDS = _LOOK_SECONDS + _SEARCH_SECONDS
 """How far back tracking runs at most."""
 DETECTION_INTERVAL = 0.5
 """Seconds between two detections."""
+_MOST_REFINED = 8
+"""Number of looks of which it is found out how well they are detected."""
+_UNCONFIRMED = 100.0
+"""Error of a look that is not detected in most copies of its frame."""
 _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
@@ -126,7 +130,7 @@ def best_look(
 ) -> tuple[Frame, list[Landmarks]] | None:
     """The frame from which a face is learned best, a later one of the same shot, and the looks from the first one to
     that; None if the first one is best. After a cut, the same place may show another face."""
-    from mien.initialization.detector import follow, refine
+    from mien.initialization.detector import follow
 
     uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(replace(footage, start=first.time)))
     later = (frame for _, frame in islice(uncut, 1, None))
@@ -142,14 +146,33 @@ def best_look(
         if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
             facing, until = True, face.time + _LOOK_SECONDS
     errors = expected_errors(looks, details, camera, fit.R, fit.t)
-    best = int(np.argmin(errors))
-    if errors[0] - errors.min() < _LEAST_GAIN:
-        return None
-    frame = decode_frame(footage.video, first, looks[best].frame_index, looks[best].time)
-    refined = refine(frame, looks[best])
-    if refined is None or not refined.are_trackable(frame.width, frame.height):
-        return None
-    return frame, [*looks[:best], refined]
+    return _confirmed_best(first, looks, errors, footage)
+
+
+def _confirmed_best(
+    first: Frame, looks: Sequence[Landmarks], errors: Array, footage: Footage
+) -> tuple[Frame, list[Landmarks]] | None:
+    """See `best_look`. errors: (n,) expected of the looks; to those of the best is added by how much the detections in
+    copies of their frames disagree, as in a face that is partly covered, until the best one is known to that."""
+    from mien.initialization.detector import refine
+
+    errors, refined = errors.copy(), dict[int, tuple[Frame, Landmarks]]()
+    while True:
+        best = int(np.argmin(errors))
+        if errors[0] - errors[best] < _LEAST_GAIN:
+            return None
+        if best in refined:
+            frame, landmarks = refined[best]
+            return frame, [*looks[:best], landmarks]
+        for k in (best,) if refined else (0, best):
+            look = looks[k]
+            frame = decode_frame(footage.video, first, look.frame_index, look.time) if k else first
+            found, disagreement = refine(frame, look) or (look, math.inf)
+            confirmed = disagreement < math.inf and found.are_trackable(frame.width, frame.height)
+            errors[k] += disagreement_error(disagreement) if confirmed else _UNCONFIRMED
+            refined[k] = frame, found
+        if len(refined) > _MOST_REFINED:
+            errors[[k for k in range(len(looks)) if k not in refined]] = math.inf
 
 
 def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
