@@ -324,6 +324,23 @@ def test_a_list_of_frames_is_tracked_like_a_file(folder: Path, monkeypatch: pyte
     assert None not in tables[1].column("pose_Rx").to_pylist()
 
 
+@pytest.mark.parametrize(
+    ("pan_deg", "disagreement", "warned"),
+    [(0, None, ""), (0, 0.0027, ""), (0, 0.005, "cover a part of the face at 0.00 s"), (25, 0.005, "turned by 25")],
+)
+def test_a_face_that_is_covered_in_the_first_frame_is_warned_of(
+    pan_deg: float,
+    disagreement: float | None,
+    warned: str,
+    tracker: StillTracker,
+    folder: Path,
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    tracker.rotation = FACING @ exp(np.radians([0, pan_deg, 0]))
+    mien.track(folder, landmarks=replace(known_portrait().landmarks, disagreement=disagreement))
+    assert [warned in str(w.message) for w in recwarn] == [True] * bool(warned)
+
+
 @pytest.mark.parametrize("at_once", [True, False])
 @pytest.mark.parametrize(("time", "first"), [(0.5, 3), (0.499, 3), (0.43, 2), (0.46, 3), (0.1, 1), (0.51, 3)])
 def test_landmarks_belong_to_the_frame_that_is_nearest_in_time(

@@ -14,7 +14,7 @@ from pathlib import Path
 from mien.errors import interruption, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.pipeline.passes import warn_if_turned
+from mien.pipeline.passes import warn_of_first_frame
 from mien.registry import DEFAULT_PRESET, checked, create_tracker
 from mien.start.first_frame import before_start
 from mien.start.footage import Footage
@@ -76,7 +76,7 @@ def _stream(
             tracker, first = first or create_tracker(preset), None
             estimate = checked(tracker.initialize(frame, faces[0], patience.camera), tracker, frame)
             patience, seen = Patience(patience.camera), frame.time
-            warn_if_turned(estimate, footage.video)
+            warn_of_first_frame(estimate, faces[0], footage.video)
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame, patience)
         doubtful = estimate.confidence <= _DOUBTFUL

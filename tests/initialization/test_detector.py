@@ -224,8 +224,10 @@ def test_a_closer_look_is_that_of_detection() -> None:
     (once,), (several,) = detector.detect_once(frame), detector.detect(frame)
     refined = detector.refine(frame, once)
     assert refined is not None
-    np.testing.assert_allclose(refined[0].points, several.points)
-    assert 0 < refined[1] < 0.003
+    np.testing.assert_allclose(refined.points, several.points)
+    assert refined.disagreement == several.disagreement
+    assert 0 < refined.disagreement < 0.003
+    assert once.disagreement is None
     assert detector.refine(_texture(), once) is None
 
 

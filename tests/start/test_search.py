@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -62,7 +62,7 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
     monkeypatch.setattr(
         "mien.initialization.detector.detect_once", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
     )
-    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: (face, 0.0))
+    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(search, "DETECTION_INTERVAL", 0.2)
     return hidden
 
@@ -124,23 +124,28 @@ def test_a_covered_look_is_left_for_another(
     most: int,
     index: int,
     detector: set[int],
+    turning: SyntheticSequence,
     video: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Copies of its frame show the landmarks at different places."""
     monkeypatch.setattr(search, "_MOST_REFINED", most)
-    monkeypatch.setattr(
-        "mien.initialization.detector.refine", lambda frame, face: (face, 0.009 if frame.index in covered else 0.001)
-    )
+
+    def refine(frame: Frame, face: Landmarks) -> Landmarks:
+        return replace(face, disagreement=0.009 if frame.index in covered else 0.001)
+
+    def first_with_a_face(frames: Iterable[Frame], at: Point | None) -> tuple[Frame, list[Landmarks]]:
+        return next((frame, [refine(frame, _true_look(turning, frame.index))]) for frame in frames)
+
+    monkeypatch.setattr("mien.initialization.detector.refine", refine)
+    monkeypatch.setattr("mien.initialization.detector.first_with_a_face", first_with_a_face)
     assert prepare(Footage(open_video(video), face().camera, start=start)).first.index == index
 
 
 def test_a_look_that_copies_do_not_confirm_is_left(
     detector: set[int], video: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "mien.initialization.detector.refine", lambda frame, face: None if frame.index == 15 else (face, 0.001)
-    )
+    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: None if frame.index == 15 else face)
     assert prepare(Footage(open_video(video), face().camera)).first.index == 20
 
 

@@ -69,7 +69,7 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
         for k, frame in enumerate(frames):
             seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
             averaged = (_average(frame, face) for face in seen)
-            found = (_landmarks(frame, face[0]) for face in averaged if face is not None)
+            found = (_landmarks(frame, *face) for face in averaged if face is not None)
             faces = [face for face in found if face.are_inside(frame.width, frame.height)]
             if any(face.are_trackable(frame.width, frame.height) for face in faces):
                 return frame, faces
@@ -104,12 +104,11 @@ def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, La
                 yield frame, face
 
 
-def refine(frame: Frame, face: Landmarks) -> tuple[Landmarks, float] | None:
-    """Average the landmarks of a single detection over copies of the frame; also returns how far these disagree, as the
-    median difference of coordinates over the face's size. None if the copies do not confirm it."""
+def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
+    """Average the landmarks of a single detection over copies of the frame; None if the copies do not confirm it."""
     assert face.depths is not None, "a detected face has depths"
     averaged = _average(frame, np.column_stack([face.points, face.depths]))
-    return None if averaged is None else (_landmarks(frame, averaged[0]), averaged[1])
+    return None if averaged is None else _landmarks(frame, *averaged)
 
 
 def _match(frame: Frame, faces: list[Array], before: Landmarks) -> Landmarks | None:
@@ -124,8 +123,9 @@ def _relative_distance(a: Landmarks, b: Landmarks) -> float:
     return float(np.linalg.norm(a.points - b.points, axis=1).mean() / b.size)
 
 
-def _landmarks(frame: Frame, face: Array) -> Landmarks:
-    return Landmarks(face[:, :2], f"mediapipe{len(face)}", face[:, 2], frame.index, frame.time, "detected face")
+def _landmarks(frame: Frame, face: Array, disagreement: float | None = None) -> Landmarks:
+    scheme, source = f"mediapipe{len(face)}", "detected face"
+    return Landmarks(face[:, :2], scheme, face[:, 2], frame.index, frame.time, source, disagreement)
 
 
 def _average(frame: Frame, face: Array) -> tuple[Array, float] | None:

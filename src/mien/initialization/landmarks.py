@@ -132,7 +132,9 @@ class Landmarks:
     """Annotated or detected points of one face in one frame.
 
     points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, increasing away from the
-    camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages.
+    camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages;
+    disagreement: how far detections in several copies of the frame are apart, as the median difference of coordinates
+    over the face's size, if they were averaged over such.
     """
 
     points: Array
@@ -141,6 +143,7 @@ class Landmarks:
     frame_index: int = 0
     time: float = 0.0
     source: str = "landmarks"
+    disagreement: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("points", "depths"):

@@ -11,6 +11,8 @@ import numpy as np
 from mien.arrays import Array
 from mien.errors import MienError, interruption, warn
 from mien.initialization.fit import turned_deg
+from mien.initialization.landmarks import Landmarks
+from mien.initialization.looks import COVERED
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window
@@ -120,7 +122,7 @@ def _run_forward(onwards: Pass, back: Tracker, earlier: dict[int, Estimate], rec
             is_earlier = earlier.pop(frame.index, None) is not None
             draw(frame, estimate, back if is_earlier else onwards.tracker)
             if estimate.status is Status.INITIALIZED and onwards.number == 1:
-                warn_if_turned(estimate, begin.footage.video, onwards.face_id)
+                warn_of_first_frame(estimate, begin.landmarks, begin.footage.video, onwards.face_id)
             if frame.index >= begin.reported and not is_earlier:
                 onwards.report(estimate)
 
@@ -163,16 +165,21 @@ def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Ar
     return depths * recorder.mm_per_unit
 
 
-def warn_if_turned(first: Estimate, video: Video, face_id: int = 0) -> None:
-    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned. face_id:
-    index of the face in the video."""
+def warn_of_first_frame(first: Estimate, landmarks: Landmarks, video: Video, face_id: int = 0) -> None:
+    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned, or partly
+    covered. face_id: index of the face in the video."""
     if first.rotation is None or first.translation is None:
         return
+    remedy = "begin" if video.path is None else "use --start to begin"
+    face = f"face {face_id}" if face_id else "the face"
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
-        remedy = "begin" if video.path is None else "use --start to begin"
-        face = f"face {face_id}" if face_id else "the face"
         warn(
             f"{video.name}: {face} is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
             f"and all angles will be less certain; {remedy} where it looks into the camera"
+        )
+    elif (landmarks.disagreement or 0.0) > COVERED:
+        warn(
+            f"{video.name}: something seems to cover a part of {face} at {first.time:.2f} s, where tracking begins, "
+            f"and will be taken for it; {remedy} where nothing does"
         )

@@ -30,8 +30,6 @@ DETECTION_INTERVAL = 0.5
 """Seconds between two detections."""
 _MOST_REFINED = 8
 """Number of looks of which it is found out how well they are detected."""
-_UNCONFIRMED = 100.0
-"""Error of a look that is not detected in most copies of its frame."""
 _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
@@ -156,21 +154,22 @@ def _confirmed_best(
     copies of their frames disagree, as in a face that is partly covered, until the best one is known to that."""
     from mien.initialization.detector import refine
 
-    errors, refined = errors.copy(), dict[int, tuple[Frame, Landmarks]]()
+    errors, refined = errors.copy(), {0: (first, looks[0])}
+    errors[0] += disagreement_error(looks[0])
     while True:
         best = int(np.argmin(errors))
-        if errors[0] - errors[best] < _LEAST_GAIN:
+        if best == 0 or errors[0] - errors[best] < _LEAST_GAIN:
             return None
         if best in refined:
             frame, landmarks = refined[best]
             return frame, [*looks[:best], landmarks]
-        for k in (best,) if refined else (0, best):
-            look = looks[k]
-            frame = decode_frame(footage.video, first, look.frame_index, look.time) if k else first
-            found, disagreement = refine(frame, look) or (look, math.inf)
-            confirmed = disagreement < math.inf and found.are_trackable(frame.width, frame.height)
-            errors[k] += disagreement_error(disagreement) if confirmed else _UNCONFIRMED
-            refined[k] = frame, found
+        frame = decode_frame(footage.video, first, looks[best].frame_index, looks[best].time)
+        found = refine(frame, looks[best])
+        if found is not None and found.are_trackable(frame.width, frame.height):
+            refined[best] = frame, found
+            errors[best] += disagreement_error(found)
+        else:
+            errors[best] = math.inf
         if len(refined) > _MOST_REFINED:
             errors[[k for k in range(len(looks)) if k not in refined]] = math.inf
 
