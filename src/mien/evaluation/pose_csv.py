@@ -25,7 +25,7 @@ from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import SCHEME_OF_COUNT
 from mien.output.columns import ROTATION, TRANSLATION
 
-EYES_CLOSED = ("eyes_closed", "eyes_closed_sd")
+_CLOSING = ("eyes_closed", "eyes_closed_sd")
 _TIME_SD, _CLOSE = 7e-4, 0.25
 """Error of a time in seconds, as most are rounded to milliseconds, and the error in frames with which the times still
 say how frames are numbered."""
@@ -103,7 +103,7 @@ def read_pose_csv(path: Path) -> PoseTable:
         _columns(path, rows, TRANSLATION) if set(TRANSLATION) <= set(names) else None,
         None if landmarks is None else landmarks.reshape(len(rows), count, 2),
         _columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
-        np.stack([_column(path, rows, n, np.nan) for n in EYES_CLOSED], axis=1) if EYES_CLOSED[0] in names else None,
+        np.stack([_column(path, rows, n, np.nan) for n in _CLOSING], axis=1) if _CLOSING[0] in names else None,
     )
 
 

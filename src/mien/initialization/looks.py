@@ -35,9 +35,9 @@ PER_DISAGREEMENT, USUAL_DISAGREEMENT = 400.0, 0.0022
 that are partly covered are detected all the same, with an invented part. In looks at six people the median is 0.0016,
 with the eyes or the lower half of the face behind a bar 0.003 to 0.005, with a mask or a phone 0.005, with one half
 behind a bar 0.009; dark glasses make no difference."""
-COVERED = 0.004
-"""Disagreement beyond which part of a face that looks into the camera is covered: at most 0.0027 in the first frames of
-105 sequences of rendered heads, with spectacles and without."""
+COVERED, COVERED_WITHIN_DEG = 0.0033, 10.0
+"""Disagreement beyond which part of a face is probably covered, if it is turned by less than this from the camera. It
+is beyond that in 1 of 100 frames of rendered and modelled heads, with spectacles and without."""
 _DETAIL_PX = 96
 """Side of the image of a face in which its detail is measured."""
 _MORE_TURNED_DEG = 15.0

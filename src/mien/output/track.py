@@ -162,8 +162,9 @@ class Track:
 
     def mesh(self, row: int) -> Array | None:
         """Vertices (V, 3) of the face in a row, millimetres in camera axes, with its expression and its lids;
-        `mien.Candide.default().triangles` connects them. None where the face is lost, and for trackers without a face
-        model."""
+        `mien.Candide.default().triangles` connects them. Its shape is that of the first frame; the landmarks in
+        space (columns X_, Y_, Z_), whose depths are learned, lie up to a centimetre before or behind it. None where the
+        face is lost, and for trackers without a face model or `metadata` without "mesh", as of `from_estimates`."""
         rest, t, a = self.metadata.get("mesh"), self.translation_mm, self.animation
         if rest is None or t is None or a is None or np.isnan(t[row]).any():
             return None

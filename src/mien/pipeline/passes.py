@@ -12,7 +12,7 @@ from mien.arrays import Array
 from mien.errors import MienError, interruption, warn
 from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import Landmarks
-from mien.initialization.looks import COVERED
+from mien.initialization.looks import COVERED, COVERED_WITHIN_DEG
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window
@@ -178,7 +178,7 @@ def warn_of_first_frame(first: Estimate, landmarks: Landmarks, video: Video, fac
             f"{video.name}: {face} is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
             f"and all angles will be less certain; {remedy} where it looks into the camera"
         )
-    elif (landmarks.disagreement or 0.0) > COVERED:
+    elif turned < COVERED_WITHIN_DEG and (landmarks.disagreement or 0.0) > COVERED:
         warn(
             f"{video.name}: something seems to cover a part of {face} at {first.time:.2f} s, where tracking begins, "
             f"and will be taken for it; {remedy} where nothing does"
