@@ -71,6 +71,21 @@ def test_every_frame_has_its_estimate(folder: Path) -> None:
     assert [estimate.status.success for _, estimate in pairs] == [index in SEEN for index in range(FRAMES)]
 
 
+def test_a_tracker_is_created_for_every_face_that_is_learned(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of them when the stream is asked for, so that an unknown preset is told at once."""
+    created: list[str] = []
+
+    def create(name: str) -> Told:
+        created.append(name)
+        return Told()
+
+    monkeypatch.setattr(live, "create_tracker", create)
+    stream = mien.stream(folder, anew_after=0.1)
+    assert created == ["realtime"]
+    learned = sum(estimate.status is Status.INITIALIZED for _, estimate in stream)
+    assert len(created) == learned > 1
+
+
 def test_estimates_come_before_the_next_frame_is_asked_for(folder: Path) -> None:
     estimates = mien.stream(folder)
     for path in sorted(folder.iterdir())[5:]:

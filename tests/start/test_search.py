@@ -13,10 +13,11 @@ import pytest
 import mien
 from long_motion import NOISE_SD
 from mien.arrays import Array
-from mien.errors import MienError, MienWarning
+from mien.errors import MienError, MienWarning, require
 from mien.frame import Frame
-from mien.geometry.camera import line_of_sight
+from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
+from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
 from mien.start import search
 from mien.start.first_frame import prepare
@@ -223,6 +224,21 @@ def test_a_face_that_was_missed_once_is_not_waited_for_anew(
     detector.add(3)
     patience = search.Patience(face().camera)
     assert [bool(patience(frame)) for frame in turning.frames[:5]] == [False] * 4 + [True]
+
+
+def test_landmarks_that_are_no_faces_do_not_end_the_wait(
+    detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bad = [True]
+
+    def fit(landmarks: Landmarks, camera: Camera) -> FirstFrame:
+        require(not bad or not bad.pop(), "no face fits the landmarks")
+        return fit_first_frame(landmarks, camera)
+
+    monkeypatch.setattr(search, "fit_first_frame", fit)
+    monkeypatch.setattr(search, "_PATIENCE", 0.0)
+    patience = search.Patience(face().camera)
+    assert [bool(patience(frame)) for frame in turning.frames[:2]] == [False, True]
 
 
 @dataclass
