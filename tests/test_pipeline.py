@@ -29,6 +29,7 @@ from mien.start import first_frame
 from mien.start.footage import Footage
 from mien.tracking.state import Estimate, Status
 from mien.video import open_video
+from own_trackers import use_tracker
 from videos import known_portrait, portrait_images, write_video
 
 
@@ -49,12 +50,6 @@ class StillTracker:
 
     def _estimate(self, frame: Frame, status: Status) -> Estimate:
         return Estimate(frame.index, frame.time, status, self.rotation, np.array([0.0, 0.0, 9.0]), confidence=0.5)
-
-
-def use_tracker(monkeypatch: pytest.MonkeyPatch, create: Callable[[str], Any]) -> None:
-    """Let the pipeline create its trackers by this function of the preset."""
-    for module in (pipeline, passes):
-        monkeypatch.setattr(module, "create_tracker", create)
 
 
 @pytest.fixture

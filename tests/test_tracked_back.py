@@ -18,11 +18,10 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
 from mien.output.track import Track
-from mien.pipeline import passes
-from mien.pipeline import track as pipeline
 from mien.synthetic import make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
+from own_trackers import use_tracker
 from small_motion import face
 
 _FIRM = [name for name in LANDMARK_NAMES if name.startswith("nose") or "eye_inner" in name]
@@ -62,8 +61,7 @@ def frames() -> list[Frame]:
 
 
 def track(monkeypatch: pytest.MonkeyPatch, tracker: type[RealtimeTracker], save: Path | None = None) -> Track:
-    for module in (pipeline, passes):
-        monkeypatch.setattr(module, "create_tracker", lambda preset: tracker())
+    use_tracker(monkeypatch, lambda preset: tracker())
     first = frames()[_FIRST]
     marks = replace(face().landmarks, frame_index=first.index, time=first.time)
     return mien.track(frames(), landmarks=marks, camera=face().camera, save=save)

@@ -192,9 +192,10 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
         not real_path(path).is_relative_to(real_path(out)),
         f"{out} holds the videos; choose another folder for the tables with -o",
     )
-    below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES and not _is_overlay(file))
+    below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES)
     shown = (file for file in below if not file.name.startswith("."))
-    videos = [file for file in shown if not real_path(file).is_relative_to(real_path(out))]
+    apart = (file for file in shown if not real_path(file).is_relative_to(real_path(out)))
+    videos = [file for file in apart if not _is_overlay(file)]
     yield from ((file, file.relative_to(path)) for file in videos)
     if not videos and list_images(path):
         yield path, Path(f"{path.resolve().name}.images")

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from mien.arrays import Pixels
-from mien.errors import require
+from mien.errors import MienError, require
 
 
 class Frame:
@@ -28,7 +28,8 @@ class Frame:
         if not isinstance(pixels, Decoded):
             _check(pixels)
         numbers = isinstance(index, (int, np.integer)) and isinstance(time, Real)
-        require(numbers, f"a frame has the index {index!r} and the time {time!r}; give a number from 0, and seconds")
+        if not numbers:
+            raise MienError(f"a frame has the index {index!r} and the time {time!r}; give a number from 0, and seconds")
         self.image, self.index, self.time = pixels, int(index), float(time)
         self.height, self.width = (int(n) for n in pixels.shape[:2])
 

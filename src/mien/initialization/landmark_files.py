@@ -18,9 +18,10 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.csv_files import csv_rows
-from mien.errors import MienError, require, warn
+from mien.errors import MienError, require
 from mien.files import json_text, whole_file
 from mien.initialization.landmarks import SCHEME_OF_COUNT, Landmarks
+from mien.video import warn_of_another_size
 
 PTS_ORIGIN = 1.0
 TIME_TOLERANCE = 0.5
@@ -62,20 +63,13 @@ def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
 def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None) -> Landmarks:
     text = path.read_text(encoding="utf-8-sig")
     try:
-        values: dict[str, Any] = json.loads(text)
-        video = values.get("video", {})
-        values = values.get("landmarks", values)  # NAME.json of a track contains those of its first frame
+        content: dict[str, Any] = json.loads(text)
+        values = content.get("landmarks", content)  # NAME.json of a track contains those of its first frame
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
-        if values.get("frame", index) != index and "time" not in values:
-            raise MienError(f"{path} states no time of its frame {values['frame']}; add `time`, in seconds")
+        elsewhere = int(values.get("frame", index)) != index
         index, time = int(values.get("frame", index)), float(values.get("time", time))
-        if size is not None and "width" in video and (video["width"], video["height"]) != size:
-            warn(
-                f"{path} has landmarks of a video of {video['width']}x{video['height']} pixels, and this one has "
-                f"{size[0]}x{size[1]}; if it was scaled, find its own with mien landmarks"
-            )
     except json.JSONDecodeError as error:
         raise MienError(f"{path} is not valid JSON ({error}); create it again with mien landmarks") from error
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
@@ -83,6 +77,9 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
             f"{path} needs `scheme` and `points`, a list of pairs of numbers ({error}); "
             "compare it with the output of mien landmarks"
         ) from error
+    require("time" in values or not elsewhere, f"{path} states no time of its frame {index}; add `time`, in seconds")
+    if size is not None:
+        warn_of_another_size(f"{path} has landmarks", content, size, "find its own with mien landmarks")
     return Landmarks(points, scheme, depths, index, time, str(path))
 
 

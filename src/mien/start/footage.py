@@ -17,7 +17,7 @@ from mien.files import checksum, size_of
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
-from mien.video import Video, expected_count, select
+from mien.video import Video, check_interval, expected_count, select, warn_of_another_size
 
 _WIDEST_DEG = 150.0
 """Horizontal field of view beyond which no real lens follows the pinhole model."""
@@ -110,8 +110,7 @@ def check_options(options: FootageOptions) -> None:
         value = getattr(options, name)
         number = value is None or (isinstance(value, Real) and math.isfinite(value))
         require(number, f"{name} is {value!r}; give a number, or omit it")
-    start, end = options.start, options.end
-    require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
+    check_interval(options.start, options.end)
     given = [v for v in (options.camera, options.focal_px, options.fov_deg) if v is not None]
     require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
     if options.camera is not None and not isinstance(options.camera, Camera):
@@ -138,13 +137,10 @@ def read_camera(path: str | Path, frame: Frame | None = None) -> Camera:
     path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8-sig"))
-        tracked = values.get("video", {})
+        if frame:
+            size = frame.width, frame.height
+            warn_of_another_size(f"{path} has the camera", values, size, "scale focal_px, cx and cy alike")
         values = values.get("camera", values)
-        if frame and "width" in tracked and (tracked["width"], tracked["height"]) != (frame.width, frame.height):
-            warn(
-                f"{path} has the camera of a video of {tracked['width']}x{tracked['height']} pixels, and this one has "
-                f"{frame.width}x{frame.height}; if it was scaled, scale focal_px, cx and cy alike"
-            )
         return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
     except MienError as error:
         raise MienError(f"{path}: {error}") from error

@@ -151,7 +151,7 @@ def _confirmed_best(
     first: Frame, looks: Sequence[Landmarks], errors: Array, footage: Footage
 ) -> tuple[Frame, list[Landmarks]] | None:
     """See `best_look`. errors: (n,) expected of the looks; to those of the best is added by how much the detections in
-    copies of their frames disagree, as in a face that is partly covered, until the best one is known to that."""
+    copies of their frames disagree, as in a face that is partly covered, until that is known of the best one."""
     from mien.initialization.detector import refine
 
     errors, refined = errors.copy(), {0: (first, looks[0])}

@@ -9,7 +9,8 @@ The rest of mien imports these names from here, whichever file they are in.
 
 from mien.video.file import VIDEO_SUFFIXES
 from mien.video.folder import FOLDER_FPS, IMAGE_SUFFIXES, list_images, refuse_among_images
-from mien.video.selection import backwards, decode_frame, expected_count, select
+from mien.video.scaling import warn_of_another_size
+from mien.video.selection import backwards, check_interval, decode_frame, expected_count, select
 from mien.video.source import Source, Video, open_video
 
 __all__ = [
@@ -19,10 +20,12 @@ __all__ = [
     "Source",
     "Video",
     "backwards",
+    "check_interval",
     "decode_frame",
     "expected_count",
     "list_images",
     "open_video",
     "refuse_among_images",
     "select",
+    "warn_of_another_size",
 ]

@@ -40,9 +40,7 @@ class VideoFile:
     aspect: float = 1.0
     may_jump: bool = False
 
-    @property
-    def repeatable(self) -> bool:
-        return True
+    repeatable = True
 
     @property
     def name(self) -> str:

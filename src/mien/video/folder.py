@@ -35,9 +35,7 @@ class ImageFolder:
     images: tuple[Path, ...]
     fps: float = FOLDER_FPS
 
-    @property
-    def repeatable(self) -> bool:
-        return True
+    repeatable = True
 
     @property
     def name(self) -> str:

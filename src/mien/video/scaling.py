@@ -1,8 +1,9 @@
-"""One size for all frames of a source: that of the first."""
+"""One size for all frames of a source: that of the first; and what was made from frames of another."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,6 +28,18 @@ def same_size(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
             warned = True
             frame = Frame(_letterboxed(frame.pixels, size), frame.index, frame.time)
         yield frame
+
+
+def warn_of_another_size(what: str, content: Mapping[str, Any], size: tuple[int, int], remedy: str) -> None:
+    """Warn if a NAME.json is that of a video of another size. what: is taken from it, as the beginning of a sentence;
+    content: of the file, which may be another JSON; size: width and height of the frames; remedy: if one was scaled."""
+    video = content.get("video")
+    known = (video.get("width"), video.get("height")) if isinstance(video, Mapping) else (None, None)
+    if None not in known and known != size:
+        warn(
+            f"{what} of a video of {known[0]}x{known[1]} pixels, and this one has {size[0]}x{size[1]}; "
+            f"if it was scaled, {remedy}"
+        )
 
 
 def _letterboxed(pixels: Pixels, size: tuple[int, int]) -> Pixels:

@@ -16,13 +16,18 @@ BUFFER_BYTES = 1 << 29
 """Memory, in bytes, for the frames that are buffered to play a video backwards."""
 
 
+def check_interval(start: float | None, end: float | None) -> None:
+    """Raise MienError if the interval between two times in seconds is empty."""
+    require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
+
+
 def select(video: Video, start: float | None = None, end: float | None = None) -> Iterator[Frame]:
     """The frames in the half-open interval `start <= time < end` (seconds), with their indices in the whole video.
 
     Frames before `start` are decoded and skipped, so that indices stay exact. Raises MienError if the interval is
     empty or contains no frame.
     """
-    require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
+    check_interval(start, end)
     last, found, ended = -math.inf, False, False
     for frame in video:
         last = frame.time
