@@ -10,11 +10,14 @@ import pytest
 from long_motion import sequence
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import angle_between
+from mien.geometry.rotation import angle_between, exp
 from mien.tracking.realtime import recovery
-from mien.tracking.realtime.recovery import Keyframes, _pnp
+from mien.tracking.realtime.recovery import Keyframes, _pnp, turned_aside
+from mien.tracking.realtime.solution import Pose
 from small_motion import face
 
+NECK = np.array([0.0, 0.0, -0.7])
+"""In head axes: eight centimetres behind the middle of the face."""
 CLOSE = np.array([0.0, 0.0, 3.0])
 
 
@@ -33,6 +36,16 @@ def test_a_face_is_found_from_nothing(keyframes: Keyframes, index: int) -> None:
     R, t = found
     assert np.degrees(angle_between(R, sequence().R[index])) < 10
     np.testing.assert_allclose(t, sequence().t[index], atol=0.3)
+
+
+def test_a_head_turns_aside_about_its_neck() -> None:
+    fit = face().fit
+    before = Pose(exp(np.array([0.0, 0.3, 0.0])) @ fit.R, fit.t + np.array([0.5, 0.2, 1.0]), fit.animation)
+    poses = list(turned_aside(before, fit.R))
+    turns = [np.degrees(angle_between(pose.R, fit.R)) for pose in poses]
+    np.testing.assert_allclose(turns, [50, 25, 0, 25, 50], atol=1e-6)
+    for pose in poses:
+        np.testing.assert_allclose(pose.R @ NECK + pose.t, before.R @ NECK + before.t, atol=1e-9)
 
 
 def test_a_detected_face_is_placed_alike_wherever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

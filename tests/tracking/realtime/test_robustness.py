@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from long_motion import errors_deg, in_order, leaving, sequence, shown
+from long_motion import NOISE_SD, errors_deg, in_order, leaving, sequence, shown
 from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.synthetic import SyntheticSequence
+from mien.geometry.rotation import matrix_from_euler
+from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
 from small_motion import face, run
@@ -89,6 +90,22 @@ def test_frames_of_noise() -> None:
     estimates, errors = _track(_changed(lambda image: rng.uniform(0, 255, image.shape), range(18, 23)))
     assert all(estimates[k].status is Status.LOST for k in range(18, 23))
     assert errors[23 + BACK_WITHIN :].max() < CLOSE_DEG
+
+
+@pytest.mark.parametrize("pan", [-50.0, 60.0])
+def test_a_face_that_looks_aside_from_one_frame_to_the_next(pan: float) -> None:
+    """And back: the neck stays where it is."""
+    frames, aside = 24, slice(6, 16)
+    angles, shift = np.zeros((frames, 3)), np.zeros((frames, 3))
+    angles[aside, 1] = pan
+    neck = face().fit.R @ [0.0, 0.0, -0.7]
+    shift[aside] = neck - matrix_from_euler(np.radians([0.0, pan, 0.0])) @ neck
+    states = moved(face(), angles, shift, np.zeros((frames, 6)))
+    estimates, errors = _track(make_sequence(face(), states, noise_sd=NOISE_SD))
+    assert np.isfinite(errors).all()
+    assert errors[aside].max() < 0.2 * abs(pan)
+    assert errors[aside.stop :].max() < CLOSE_DEG
+    assert estimates[-1].confidence > 0.9
 
 
 def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytest.MonkeyPatch) -> None:

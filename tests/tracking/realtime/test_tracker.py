@@ -114,13 +114,28 @@ def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     level = tracker.face.fine
-    k = level.views.shape[1]
-    views = level.appearance.lack_of_fit.reshape(k, k, -1)
     tilts, pans = level.views
+    views = level.appearance.lack_of_fit.reshape(len(tilts), len(pans), -1)
     np.testing.assert_allclose(level.lack_of_fit(np.array([tilts[3], pans[5]])), views[3, 5], rtol=1e-5)
     middle = np.array([tilts[3:5].mean(), pans[5:7].mean()])
     np.testing.assert_allclose(level.lack_of_fit(middle), views[3:5, 5:7].mean(axis=(0, 1)), rtol=1e-5)
     np.testing.assert_allclose(level.lack_of_fit(np.radians([-90.0, 90.0])), views[0, -1], rtol=1e-5)
+
+
+def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
+    tracker = RealtimeTracker()
+    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    front, limit = tracker.face.fine, np.radians(tracker.settings.turned_limit_pan_deg)
+    for frame in sequence().frames[1:5]:
+        tracker.track(frame)
+    assert front.at(np.radians([30.0, -39.0])) is front
+    assert "_turned" not in vars(front)
+    turned = front.at(np.radians([0.0, 41.0]))
+    assert turned is front.at(np.radians([0.0, -60.0]))
+    np.testing.assert_allclose(turned.appearance.limit[1], limit)
+    assert set(front.views[1]) < set(turned.views[1])
+    assert turned.views[1].max() == pytest.approx(limit)
+    assert turned.behind.shape[:2] == (len(turned.views[0]), len(turned.views[1]))
 
 
 def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:

@@ -77,7 +77,7 @@ _KERNELS: tuple[Kernel, ...] = (
     POLYNOMIAL,
     SOLVE,
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
-    (level._bilinear_lookup, (_single(3), _array(2), _array(1))),
+    (level._bilinear_lookup, (_single(3), (_array(1), _array(1)), _array(1))),
     (definite._inverse, (_array(2),)),
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, _array(2), _array(1))),
     (uncertainty._of_relief_and_axes, (*[_array(2)] * 2, *[_array(1)] * 2, 0.0)),

@@ -38,6 +38,8 @@ teaches nothing of it."""
 _LIT_VIEWS = 2
 """One view in so many is rendered in another light, too. Light goes into the covariance, not into the mean: with a
 random light in each view, the mean would be as random."""
+_TURNED_VIEWS = 2
+"""Pans to either side that are rendered in addition for a face that has turned aside."""
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 """Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
 
@@ -132,13 +134,27 @@ class _ViewRenderer:
 
 
 def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
-    """Render the views, and regress the descriptors on tilt and pan."""
-    renderer, rng = _ViewRenderer(face, descriptor), np.random.default_rng(0)
-    limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
+    """The level of a resolution, which learns the one for a face that has turned aside when that is needed."""
     evenly = np.linspace(-1, 1, s.views_per_angle)
-    angles = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
+    limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
+    tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
+    aside = np.radians(np.linspace(s.view_limit_pan_deg, s.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
+    all_pans = np.concatenate([-aside[::-1], pans, aside])
+    return replace(
+        _learn_views(face, descriptor, tilts, pans, s),
+        turned_from=math.radians(s.turned_pan_deg),
+        learn_turned=lambda: _learn_views(face, descriptor, tilts, all_pans, s),
+    )
+
+
+def _learn_views(
+    face: _PosedFace, descriptor: DescriptorSettings, tilts: Array, pans: Array, s: RealtimeSettings
+) -> Level:
+    """Render the views at k tilts and l pans, and regress the descriptors on them."""
+    renderer, rng = _ViewRenderer(face, descriptor), np.random.default_rng(0)
+    limit = np.array([tilts[-1], pans[-1]])
     views, eyes, lights = [], [], []
-    for k, (tilt, pan) in enumerate(product(*angles)):
+    for k, (tilt, pan) in enumerate(product(tilts, pans)):
         R = rotation(tilt, pan, 0.0)
         posed = renderer.posed(R)
         seen, depth = renderer.describe(posed, renderer.texture)
@@ -155,8 +171,8 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
     changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
     appearance = PoseRegression.learn(samples, terms, weight, limit, s.floor, s.rank, np.concatenate(changes))
     moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
-    grid = behind.reshape(len(evenly), len(evenly), -1).astype(np.float32)
-    return Level(descriptor, renderer.size, appearance, moved_eyes, angles, grid)
+    grid = behind.reshape(len(tilts), len(pans), -1).astype(np.float32)
+    return Level(descriptor, renderer.size, appearance, moved_eyes, (tilts, pans), grid)
 
 
 def _depth_behind(points: Array, depth: Float32, camera: Camera) -> Array:

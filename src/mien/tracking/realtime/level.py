@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,15 +22,27 @@ from mien.geometry.camera import Camera
 @dataclass(frozen=True)
 class Level:
     """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
-    descriptors when the eyes do what `learning._EYES` says. views: tilts and pans (2, k) in radians of the k x k views;
-    behind: (k, k, n) how far each landmark lies behind the face's own surface there, CANDIDE units."""
+    descriptors when the eyes do what `learning._EYES` says. views: the k tilts and l pans in radians of the views;
+    behind: (k, l, n) how far each landmark lies behind the face's own surface there, CANDIDE units. learn_turned:
+    learns the level for a face that has turned beyond a pan of turned_from radians; None in that level itself."""
 
     descriptor: DescriptorSettings
     size: int
     appearance: PoseRegression
     eyes: Float32
-    views: Array
+    views: tuple[Array, Array]
     behind: Float32
+    turned_from: float = math.inf
+    learn_turned: Callable[[], Level] | None = None
+
+    @cached_property
+    def _turned(self) -> Level:
+        """Learned when it is first needed: most faces never turn so far, and it takes as long as all of the rest."""
+        return self if self.learn_turned is None else self.learn_turned()
+
+    def at(self, angles: Array) -> Level:
+        """The level for a tilt and pan (2,): near the front, views from far aside would make the regression worse."""
+        return self._turned if abs(angles[1]) > self.turned_from else self
 
     def depth_behind(self, angles: Array) -> Float32:
         """How far (n,) the landmarks lie behind the face's own surface in the view nearest to a tilt and pan (2,)."""
@@ -36,8 +51,8 @@ class Level:
     def lack_of_fit(self, angles: Array) -> Float32:
         """Squared distance (n,) between rendered and predicted descriptors at a tilt and pan (2,), interpolated between
         the nearest four views."""
-        k = self.views.shape[1]
-        fit: Float32 = _bilinear_lookup(self.appearance.lack_of_fit.reshape(k, k, -1), self.views, angles)
+        by_view = self.appearance.lack_of_fit.reshape(self.behind.shape)
+        fit: Float32 = _bilinear_lookup(by_view, self.views, angles)
         return fit
 
     def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
@@ -57,7 +72,7 @@ def _nearest(views: Any, angle: float) -> int:
 
 @kernel()
 def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
-    """Row (n,) of a table (k, k, n) over the views' tilts and pans (2, k) at a tilt and pan (2,), by bilinear
+    """Row (n,) of a table (k, l, n) over the views' k tilts and l pans at a tilt and pan (2,), by bilinear
     interpolation; constant beyond the last view."""
     row, down = _bracket(views[0], angles[0])
     column, right = _bracket(views[1], angles[1])

@@ -119,7 +119,7 @@ class Person:
 
     def adapted_offset(self, level: Level, pose: Pose) -> Float32:
         """What adaptation adds to the means (n, 128) of a level at a pose."""
-        adapts = level is self.face.fine and self.adaptation.begun
+        adapts = level.descriptor is self.face.fine.descriptor and self.adaptation.begun
         return self.adaptation.offset(pose.angles) if adapts else self.adaptation.nothing
 
     def learned_share(self, solution: Solution) -> float:

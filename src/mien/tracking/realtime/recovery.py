@@ -1,6 +1,7 @@
-"""Finding a lost face: by keyframes, matched with SIFT and placed by PnP, or by the detector.
+"""Finding a lost face: where a head that turns aside would have it, by the detector, or by keyframes, matched with SIFT
+and placed by PnP.
 
-Both only propose poses; the energy of the tracker decides whether the face there is the one it knows.
+All of these only propose poses; the energy of the tracker decides whether the face there is the one it knows.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from mien.geometry.rotation import exp
 from mien.initialization.detector import detect_once
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import place_of
+from mien.tracking.realtime.solution import Pose
 
 KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size
 _CROP_UNITS = 2.0
@@ -31,6 +33,9 @@ _KEYFRAME_SPACING = np.radians(15.0)
 _WINDOW = 440.0
 """Side of the part of the image that one search covers, in pixels of the keyframes."""
 _MOST_FACES = 3
+_NECK = np.array([0.0, 0.0, -0.7])
+"""What a head turns about, in head axes: the top of the spine."""
+_PANS = np.radians([-50.0, -25.0, 0.0, 25.0, 50.0])
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 _TOLERANCE = 0.05
 """Reprojection error up to which a detected point is an inlier, as a share of the face's size."""
@@ -134,6 +139,15 @@ class Keyframes:
             return nothing
         X = points[[m.queryIdx for m in good]]
         return _pnp(X, p[[m.trainIdx for m in good]], self.camera, _REPROJECTION_PX / scale) or nothing
+
+
+def turned_aside(pose: Pose, R_first: Array) -> Iterator[Pose]:
+    """Poses of a head that has turned aside since it was at a pose, or back to where it looked in the first frame, with
+    rotation R_first (3, 3). The neck stays where it is."""
+    neck = pose.R @ _NECK + pose.t
+    for pan in _PANS:
+        R = exp(np.array([0.0, pan, 0.0])) @ R_first
+        yield Pose(R, neck - R @ _NECK, pose.animation)
 
 
 def find_by_detector(

@@ -50,6 +50,7 @@ class PoseSolver:
     def view(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The crop of a frame for a pose at one level, and the landmarks that face the camera there: a set that stays
         as it is while the view is solved."""
+        level = level.at(pose.angles)
         crop = level.crop(pose.R, pose.t, self.camera)
         image = crop.sample(frame, level.descriptor.blur)
         geometry = (self.camera_vector, crop.linear, crop.offset, pose.ray)

@@ -7,7 +7,7 @@ is the face, learn from it, and report. A face that is lost is searched for with
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
 from mien.tracking.realtime.person import JAW, TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.recovery import Keyframes, find_by_detector
+from mien.tracking.realtime.recovery import Keyframes, find_by_detector, turned_aside
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
@@ -53,7 +53,8 @@ _NEAREST = 1.0
 _FACE_RADIUS = 1.3
 """Radius in CANDIDE units around the face beyond which the surroundings begin."""
 _BETTER = 0.8
-"""A face elsewhere is preferred to one whose identity is doubted if its misfit is below this share of that one's."""
+"""A face elsewhere is preferred to one that is doubted, or of which little matches, if its misfit is below this share
+of that one's."""
 
 
 class RealtimeTracker:
@@ -147,19 +148,13 @@ class RealtimeTracker:
         require_next_of(self.size, frame)
         s = self.settings
         view, solution = self._search(frame)
-        status = Status.TRACKED
-        if solution.inlier_share(s.seen_distance) < s.least_share:
-            search = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
-            found = self._recover(frame) if search else None
-            if found is None:
-                return self._lose(frame, view, solution)
+        status = Status.RECOVERED if self.lost_frames else Status.TRACKED
+        found = self._elsewhere(frame, solution)
+        if found is not None:
             (view, solution), status = found, Status.RECOVERED
-        elif self._doubts(solution):
-            found = self._recover(frame, _BETTER * solution.misfit)
-            if found is not None:
-                (view, solution), status = found, Status.RECOVERED
-        if self.lost_frames:
-            status = Status.RECOVERED
+            self.closing = self.person.closing(solution)
+        elif solution.inlier_share(s.seen_distance) < s.least_share:
+            return self._lose(frame, view, solution)
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head keeps moving, an expression does not
         self.pose, self.lost_frames = solution.pose, 0
@@ -194,18 +189,31 @@ class RealtimeTracker:
         self.doubted_frames = self.doubted_frames + 1 if doubtful else 0
         return doubtful and self.doubted_frames % self.settings.doubt_interval == 0
 
-    def _recover(self, frame: Frame, misfit: float = math.inf) -> tuple[View, Solution] | None:
-        """The face at a pose that the detector or the keyframes propose, None if what is there does not look like the
-        face of the first frame, or fits no better than `misfit`."""
+    def _elsewhere(self, frame: Frame, here: Solution) -> tuple[View, Solution] | None:
+        """The face at another place, if at the one that was found little of it matches, or its identity is doubted: as
+        a head that has turned aside, or where the detector or the keyframes propose. None if it is nowhere else."""
+        s, share = self.settings, here.inlier_share(self.settings.seen_distance)
+        lost = share < s.least_share
+        due = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
+        most = math.inf if lost else _BETTER * here.misfit
+        if due and share < s.recovered_share and self._misfits(here):
+            found = list(self._faces_near(turned_aside(self.pose, self.axes.first.R), frame, most))
+            if found:
+                return min(found, key=lambda there: there[1].misfit)
+        if (lost and due) or (not lost and self._doubts(here)):
+            proposals = (Pose(*placed, self.fit.animation) for placed in self._proposals(frame))
+            return next(self._faces_near(proposals, frame, most), None)
+        return None
+
+    def _faces_near(self, starts: Iterable[Pose], frame: Frame, most: float) -> Iterator[tuple[View, Solution]]:
+        """What is found near each of these poses that looks like the face of the first frame and fits better than a
+        misfit of `most`."""
         s = self.settings
-        for placed in self._proposals(frame):
-            start = Pose(*placed, self.fit.animation)
+        for start in starts:
             coarse = self.solver.coarse(frame, self._prediction(start), start)
             view, solution = self.solver.refine(frame, self._prediction(coarse))
-            if solution.inlier_share(s.seen_distance) >= s.recovered_share and solution.misfit < misfit:
-                self.closing = self.person.closing(solution)
-                return view, solution
-        return None
+            if solution.inlier_share(s.seen_distance) >= s.recovered_share and solution.misfit < most:
+                yield view, solution
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker; None where the face is lost."""
