@@ -133,46 +133,91 @@ class _ViewRenderer:
         return np.asarray(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(cosine, 0) ** 2))
 
 
+@dataclass(frozen=True)
+class _Views:
+    """What k x l views at some tilts and pans, radians, show of n landmarks: descriptors (k, l, n, 128), how much each
+    view teaches (k, l, n), and how far the landmarks lie behind the surface (k, l, n)."""
+
+    tilts: Array
+    pans: Array
+    seen: Float32
+    weight: Float32
+    behind: Float32
+
+    def beside(self, others: _Views) -> _Views:
+        """These views and others at the same tilts, in the order of their pans."""
+        pans = np.concatenate([self.pans, others.pans])
+        pairs = (self.seen, others.seen), (self.weight, others.weight), (self.behind, others.behind)
+        return _Views(self.tilts, np.sort(pans), *(np.concatenate(pair, axis=1)[:, np.argsort(pans)] for pair in pairs))
+
+
+@dataclass(frozen=True)
+class _Changes:
+    """Changes (m, n, 128) of the descriptors in some views: when the eyes move, as `_EYES` says in turn, and when the
+    light does."""
+
+    eyes: Float32
+    light: Float32
+
+
 def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
     """The level of a resolution, which learns the one for a face that has turned aside when that is needed."""
-    evenly = np.linspace(-1, 1, s.views_per_angle)
+    renderer, evenly = _ViewRenderer(face, descriptor), np.linspace(-1, 1, s.views_per_angle)
     limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
     tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
-    aside = np.radians(np.linspace(s.view_limit_pan_deg, s.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
-    all_pans = np.concatenate([-aside[::-1], pans, aside])
-    return replace(
-        _learn_views(face, descriptor, tilts, pans, s),
-        turned_from=math.radians(s.turned_pan_deg),
-        learn_turned=lambda: _learn_views(face, descriptor, tilts, all_pans, s),
-    )
+    further = np.radians(np.linspace(s.view_limit_pan_deg, s.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
+    front = _render_views(renderer, tilts, pans, s)
+    changes = _render_changes(renderer, front, s)
+
+    def learn_turned() -> Level:
+        aside = _render_views(renderer, tilts, np.concatenate([-further[::-1], further]), s)
+        return _regress(renderer, front.beside(aside), changes, s)
+
+    level = _regress(renderer, front, changes, s)
+    return replace(level, turned_from=math.radians(s.turned_pan_deg), learn_turned=learn_turned)
 
 
-def _learn_views(
-    face: _PosedFace, descriptor: DescriptorSettings, tilts: Array, pans: Array, s: RealtimeSettings
-) -> Level:
-    """Render the views at k tilts and l pans, and regress the descriptors on them."""
-    renderer, rng = _ViewRenderer(face, descriptor), np.random.default_rng(0)
-    limit = np.array([tilts[-1], pans[-1]])
-    views, eyes, lights = [], [], []
-    for k, (tilt, pan) in enumerate(product(tilts, pans)):
+def _render_views(renderer: _ViewRenderer, tilts: Array, pans: Array, s: RealtimeSettings) -> _Views:
+    """Render the face at these tilts and pans, and describe it."""
+    views = []
+    for tilt, pan in product(tilts, pans):
         R = rotation(tilt, pan, 0.0)
         posed = renderer.posed(R)
         seen, depth = renderer.describe(posed, renderer.texture)
+        behind = _depth_behind(posed[1], depth, renderer.camera)
+        views.append((seen, renderer.weight(posed[1], R, behind, s), behind))
+    parts = (np.array(part, np.float32) for part in zip(*views, strict=True))
+    return _Views(tilts, pans, *(part.reshape(len(tilts), len(pans), *part.shape[1:]) for part in parts))
+
+
+def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings) -> _Changes:
+    """Render some of the views once more, with moved eyes and in other lights."""
+    rng = np.random.default_rng(0)
+    eyes, lights = [], []
+    seen = views.seen.reshape(-1, *views.seen.shape[2:])
+    for k, (tilt, pan) in enumerate(product(views.tilts, views.pans)):
+        R = rotation(tilt, pan, 0.0)
+        posed = renderer.posed(R)
         if k % _EYE_VIEWS == 0:
             texture = renderer.moved_eyes[k // _EYE_VIEWS % len(_EYES)]
-            eyes.append(renderer.describe(posed, texture)[0] - seen)
+            eyes.append(renderer.describe(posed, texture)[0] - seen[k])
         if k % _LIT_VIEWS == 0:
             light = random_light(renderer.normals @ R.T, s.light_contrast, rng)
-            lights.append(renderer.describe(posed, renderer.texture, light)[0] - seen)
-        behind = _depth_behind(posed[1], depth, renderer.camera)
-        views.append((seen, kernels.polynomial(tilt, pan, limit)[0], renderer.weight(posed[1], R, behind, s), behind))
-    samples, terms, weight, behind = (np.array(part) for part in zip(*views, strict=True))
-    shares = ((eyes, s.eye_share), (lights, 1.0))
-    changes = [np.array(looks) * np.float32(math.sqrt(share / len(looks))) for looks, share in shares]
-    appearance = PoseRegression.learn(samples, terms, weight, limit, s.floor, s.rank, np.concatenate(changes))
-    moved_eyes = np.stack([np.mean(eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
-    grid = behind.reshape(len(tilts), len(pans), -1).astype(np.float32)
-    return Level(descriptor, renderer.size, appearance, moved_eyes, (tilts, pans), grid)
+            lights.append(renderer.describe(posed, renderer.texture, light)[0] - seen[k])
+    return _Changes(np.array(eyes), np.array(lights))
+
+
+def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: RealtimeSettings) -> Level:
+    """Regress what the views show on their tilts and pans."""
+    limit = np.array([views.tilts[-1], views.pans[-1]])
+    terms = np.array([kernels.polynomial(tilt, pan, limit)[0] for tilt, pan in product(views.tilts, views.pans)])
+    samples, weight = (part.reshape(len(terms), *part.shape[2:]) for part in (views.seen, views.weight))
+    shares = ((changes.eyes, s.eye_share), (changes.light, 1.0))
+    spread = np.concatenate([change * np.float32(math.sqrt(share / len(change))) for change, share in shares])
+    appearance = PoseRegression.learn(samples, terms, weight, limit, s.floor, s.rank, spread)
+    moved_eyes = np.stack([np.mean(changes.eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
+    angles = (views.tilts, views.pans)
+    return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind)
 
 
 def _depth_behind(points: Array, depth: Float32, camera: Camera) -> Array:
