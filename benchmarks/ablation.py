@@ -185,6 +185,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one Gaussian for all views, as in the paper": OneGaussian,
     "5x5 views, not 10x10": _set(views_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
+    "no views from far aside": _set(turned_pan_deg=89),
     "views weigh alike, however a landmark faces them": _set(sidelong_weight=1),
     "one covariance for all views": _set(lack_of_fit=1e9),
     "views weigh alike, with one covariance": lambda: RealtimeTracker(WITHOUT_VIEWS),

@@ -92,6 +92,13 @@ PEOPLE = {
 }
 
 
+def named() -> list[tuple[str, Character, bool, int]]:
+    """Everybody, and whoever wears spectacles once more without them: a name, the character, whether they are worn, and
+    the seed of the shape."""
+    worn = [(name, who, who.spectacles, seed) for seed, (name, who) in enumerate(PEOPLE.items())]
+    return worn + [(f"{name}-bare", who, False, seed) for name, who, spectacles, seed in worn if spectacles]
+
+
 class Person:
     """A character with a body (V, 3) of its own and what covers it; origin (3,), axes (3, 3): of its head."""
 
@@ -178,15 +185,11 @@ def main() -> None:
     source, profile = MakeHuman(arguments.package), rendered_profile(arguments.path)
     truths = {kind: truth_of(arguments.path, motion) for kind, motion in MOTIONS.items()}
     arguments.out.mkdir(parents=True, exist_ok=True)
-    names = [(name, who.spectacles) for name, who in PEOPLE.items()]
-    names += [(name, False) for name, spectacles in names if spectacles]
-    for seed, (name, spectacles) in enumerate(names):
-        shape = np.random.default_rng(list(PEOPLE).index(name))
-        person = Person(source, PEOPLE[name], profile, shape, spectacles)
+    for seed, (name, who, spectacles, shape) in enumerate(named()):
+        person = Person(source, who, profile, np.random.default_rng(shape), spectacles)
         rng = np.random.default_rng(seed)
-        bare = "-bare" if PEOPLE[name].spectacles and not spectacles else ""
         for kind, truth in truths.items():
-            output = arguments.out / f"{name}{bare}_{kind}"
+            output = arguments.out / f"{name}_{kind}"
             write_film(Path(f"{output}.avi"), pictures(person, truth, kind.startswith("light"), rng))
             np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
 

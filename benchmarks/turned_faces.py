@@ -34,8 +34,9 @@ def rows(path: Path, seconds: float) -> Iterator[str]:
     """What came of the frames of one recording, by turn."""
     peer = rotations(mien.track(path, preset="mediapipe", end=seconds))
     track = mien.track(path, end=seconds)
-    turn = turns_deg(peer)
-    apart = apart_deg(peer, rotations(track), (turn < FRONT_DEG) & (track.confidence > 0.5))
+    turn, ours = turns_deg(peer), rotations(track)
+    from_the_front = (turn < FRONT_DEG) & (turns_deg(ours) < 2 * FRONT_DEG) & (track.confidence > 0.5)
+    apart = apart_deg(peer, ours, from_the_front)
     for low, high in pairwise(TURNS_DEG):
         of = (turn >= low) & (turn < high)
         there = of & np.isfinite(apart)

