@@ -54,6 +54,10 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
         ({"descriptor": {"cell": "four"}}, "own.json: descriptor.cell: input should be a valid integer"),
         ({"settings": {"preset": "paper"}}, "own.json: preset: input should be 'realtime'"),
         ({"floor": float("inf")}, "own.json: floor: input should be a finite number"),
+        (
+            {"view_limit_pan_deg": 80},
+            "own.json: turned_limit_pan_deg: value error, must be larger than view_limit_pan_deg",
+        ),
         ({"descriptor": {"kernel": "opencv"}}, "own.json: descriptor: value error, the kernel must be mien"),
         ([1], "own.json holds no settings keyed by name"),
         ("{", "own.json is not valid JSON"),

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from mien.errors import MienError, require
 
@@ -76,7 +76,9 @@ class RealtimeSettings(Settings):
     view_limit_pan_deg: float = Field(50.0, gt=0, lt=90, description="largest pan of the rendered views")
     view_crowding: float = Field(1.4, gt=0, description="spacing exponent: 1 is even, more is denser near frontal")
     turned_pan_deg: float = Field(45.0, gt=0, description="pan beyond which views from further aside are learned, too")
-    turned_limit_pan_deg: float = Field(75.0, gt=0, lt=90, description="largest pan of these views")
+    turned_limit_pan_deg: float = Field(
+        75.0, gt=0, lt=90, validate_default=True, description="largest pan of these views"
+    )
     views_per_angle: int = Field(10, ge=4, le=50, description="number of rendered tilts, and of rendered pans")
     light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views: logarithm of its gain")
     eye_share: float = Field(0.2, ge=0, description="weight of moved eyes in the covariance, relative to all views")
@@ -220,6 +222,13 @@ class RealtimeSettings(Settings):
         2.5, ge=0, description="relative distance above which its appearance is learned"
     )
     view_turn_deg: float = Field(12.0, gt=0, description="rotation below which it is not learned")
+
+    @field_validator("turned_limit_pan_deg")
+    @classmethod
+    def _is_further(cls, limit: float, info: ValidationInfo) -> float:
+        if limit <= info.data.get("view_limit_pan_deg", 0.0):
+            raise ValueError("must be larger than view_limit_pan_deg")
+        return limit
 
     @field_validator("descriptor", "coarse")
     @classmethod

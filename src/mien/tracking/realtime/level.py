@@ -37,7 +37,7 @@ class Level:
 
     @cached_property
     def _turned(self) -> Level:
-        """Learned when it is first needed: most faces never turn so far, and it takes as long as all of the rest."""
+        """Learned when it is first needed: most faces never turn so far, and it takes half as long as the rest."""
         return self if self.learn_turned is None else self.learn_turned()
 
     def at(self, angles: Array) -> Level:

@@ -108,7 +108,7 @@ class RealtimeTracker:
         self.identity = Identity(1.0 - self.person.temples)
         self.keyframes = Keyframes(self.fit, camera)
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
-        self.lost_frames = self.doubted_frames = self.strange_mouth_frames = 0
+        self.lost_frames = self.strange_frames = self.doubted_frames = self.strange_mouth_frames = 0
         settled = self._refine_first_pose(frame)
         self.axes = HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, s)
         self.landmark_offsets = self._landmark_offsets(landmarks)
@@ -193,17 +193,21 @@ class RealtimeTracker:
         """The face at another place, if at the one that was found little of it matches, or its identity is doubted: as
         a head that has turned aside, or where the detector or the keyframes propose. None if it is nowhere else."""
         s, share = self.settings, here.inlier_share(self.settings.seen_distance)
-        lost = share < s.least_share
-        due = self.lost_frames < 3 or self.lost_frames % s.recovery_interval == 0
+        lost, strange = share < s.least_share, share < s.recovered_share and self._misfits(here)
         most = math.inf if lost else _BETTER * here.misfit
-        if due and share < s.recovered_share and self._misfits(here):
+        self.strange_frames = self.strange_frames + 1 if strange else 0
+        if strange and self._is_due(self.strange_frames - 1):
             found = list(self._faces_near(turned_aside(self.pose, self.axes.first.R), frame, most))
             if found:
                 return min(found, key=lambda there: there[1].misfit)
-        if (lost and due) or (not lost and self._doubts(here)):
+        if self._is_due(self.lost_frames) if lost else self._doubts(here):
             proposals = (Pose(*placed, self.fit.animation) for placed in self._proposals(frame))
             return next(self._faces_near(proposals, frame, most), None)
         return None
+
+    def _is_due(self, frames: int) -> bool:
+        """Whether to search the image now that the face has been away for some frames."""
+        return frames < 3 or frames % self.settings.recovery_interval == 0
 
     def _faces_near(self, starts: Iterable[Pose], frame: Frame, most: float) -> Iterator[tuple[View, Solution]]:
         """What is found near each of these poses that looks like the face of the first frame and fits better than a
