@@ -91,6 +91,16 @@ class _OneGaussian(PoseRegression):
         return super().learn(samples, terms * (np.arange(terms.shape[1]) == 0), *args)
 
 
+class OfTheFrontAlone(RealtimeTracker):
+    """A face that has turned further than the views looks as at their border."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        estimate = super().initialize(frame, landmarks, camera)
+        for level in (self.face.coarse, self.face.fine):
+            vars(level)["learn_turned"] = None
+        return estimate
+
+
 class OneGaussian(RealtimeTracker):
     """One mean and covariance for all views, as in the paper."""
 
@@ -185,7 +195,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "one Gaussian for all views, as in the paper": OneGaussian,
     "5x5 views, not 10x10": _set(views_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
-    "no views from far aside": _set(turned_pan_deg=89),
+    "no views from far aside": OfTheFrontAlone,
     "views weigh alike, however a landmark faces them": _set(sidelong_weight=1),
     "one covariance for all views": _set(lack_of_fit=1e9),
     "views weigh alike, with one covariance": lambda: RealtimeTracker(WITHOUT_VIEWS),

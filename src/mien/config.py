@@ -75,9 +75,8 @@ class RealtimeSettings(Settings):
     view_limit_tilt_deg: float = Field(40.0, gt=0, lt=90, description="largest tilt of the rendered views")
     view_limit_pan_deg: float = Field(50.0, gt=0, lt=90, description="largest pan of the rendered views")
     view_crowding: float = Field(1.4, gt=0, description="spacing exponent: 1 is even, more is denser near frontal")
-    turned_pan_deg: float = Field(45.0, gt=0, description="pan beyond which views from further aside are learned, too")
     turned_limit_pan_deg: float = Field(
-        75.0, gt=0, lt=90, validate_default=True, description="largest pan of these views"
+        75.0, gt=0, lt=90, validate_default=True, description="largest pan of the views for faces beyond it"
     )
     views_per_angle: int = Field(10, ge=4, le=50, description="number of rendered tilts, and of rendered pans")
     light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views: logarithm of its gain")

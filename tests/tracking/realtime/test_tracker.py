@@ -128,9 +128,9 @@ def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
     front, limit = tracker.face.fine, np.radians(tracker.settings.turned_limit_pan_deg)
     for frame in sequence().frames[1:5]:
         tracker.track(frame)
-    assert front.at(np.radians([30.0, -44.0])) is front
+    assert front.at(np.radians([30.0, -49.0])) is front
     assert "_turned" not in vars(front)
-    turned = front.at(np.radians([0.0, 46.0]))
+    turned = front.at(np.radians([0.0, 51.0]))
     assert turned is front.at(np.radians([0.0, -60.0]))
     np.testing.assert_allclose(turned.appearance.limit[1], limit)
     assert set(front.views[1]) < set(turned.views[1])

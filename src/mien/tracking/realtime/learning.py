@@ -174,7 +174,7 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
         return _regress(renderer, front.beside(aside), changes, s)
 
     level = _regress(renderer, front, changes, s)
-    return replace(level, turned_from=math.radians(s.turned_pan_deg), learn_turned=learn_turned)
+    return replace(level, learn_turned=learn_turned)
 
 
 def _render_views(renderer: _ViewRenderer, tilts: Array, pans: Array, s: RealtimeSettings) -> _Views:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +23,7 @@ class Level:
     """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
     descriptors when the eyes do what `learning._EYES` says. views: the k tilts and l pans in radians of the views;
     behind: (k, l, n) how far each landmark lies behind the face's own surface there, CANDIDE units. learn_turned:
-    learns the level for a face that has turned beyond a pan of turned_from radians; None in that level itself."""
+    learns the level for a face that has turned further than these views; None in that level itself."""
 
     descriptor: DescriptorSettings
     size: int
@@ -32,7 +31,6 @@ class Level:
     eyes: Float32
     views: tuple[Array, Array]
     behind: Float32
-    turned_from: float = math.inf
     learn_turned: Callable[[], Level] | None = None
 
     @cached_property
@@ -42,7 +40,7 @@ class Level:
 
     def at(self, angles: Array) -> Level:
         """The level for a tilt and pan (2,): near the front, views from far aside would make the regression worse."""
-        return self._turned if abs(angles[1]) > self.turned_from else self
+        return self._turned if abs(angles[1]) > self.appearance.limit[1] else self
 
     def depth_behind(self, angles: Array) -> Float32:
         """How far (n,) the landmarks lie behind the face's own surface in the view nearest to a tilt and pan (2,)."""
