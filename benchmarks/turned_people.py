@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Iterable
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -64,16 +64,15 @@ def film(package: Path, path: Path, out: Path) -> None:
     """Film the people who are not yet in a folder."""
     source, profile = MakeHuman(package), rendered_profile(path)
     out.mkdir(parents=True, exist_ok=True)
-    for seed, (name, who, spectacles, shape) in enumerate(named()):
-        person = Person(source, who, profile, np.random.default_rng(shape), spectacles)
-        for kind, (expression, steps) in SPEEDS.items():
-            rng, output = np.random.default_rng([seed, len(kind)]), out / f"{name}_{kind}"
-            truth = truth_of(path, expression)
+    for (seed, (name, who, spectacles, shape)), kind in product(enumerate(named()), SPEEDS):
+        output, (expression, steps) = out / f"{name}_{kind}", SPEEDS[kind]
+        if not Path(f"{output}_truth.npz").is_file():
+            person = Person(source, who, profile, np.random.default_rng(shape), spectacles)
+            rng, truth = np.random.default_rng([seed, len(kind)]), truth_of(path, expression)
             truth["R"] = np.stack([matrix_from_euler(turn) for turn in np.radians(motion(steps, rng))])
             truth["t"] = np.tile(truth["t"][0], (FRAMES, 1))
-            if not Path(f"{output}_truth.npz").is_file():
-                write_film(Path(f"{output}.avi"), pictures(person, truth, False, rng))
-                np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
+            write_film(Path(f"{output}.avi"), pictures(person, truth, False, rng))
+            np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
 
 
 def compared(tracker: Tracker, run: Run) -> Array:
