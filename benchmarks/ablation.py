@@ -19,6 +19,7 @@ import numpy as np
 from inputs import carry_out
 
 from mien.appearance.regression import PoseRegression
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
 from mien.errors import require
@@ -244,6 +245,11 @@ def track(tracker: Tracker, run: Run) -> list[Estimate]:
     first = run.frames[0]
     begun = tracker.initialize(first, run.landmarks, run.sequence.camera_for(first.width, first.height))
     return [begun, *(tracker.track(frame) for frame in run.frames[1:])]
+
+
+def rotations_of(estimates: list[Estimate]) -> Array:
+    """Rotations (n, 3, 3) of estimates, NaN where the face is lost."""
+    return np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
 
 
 def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, scored, track
+from ablation import Run, rotations_of, scored, track
 from inputs import carry_out
 
 from mien.arrays import Array
@@ -52,8 +52,7 @@ def turned(frame: Frame, camera: Camera, R: Array) -> Frame:
 def rotations(tracker: Tracker, run: Run) -> tuple[Array, float]:
     """Rotations (n, 3, 3) of all frames, NaN where the face is lost, and the error by `rebased`."""
     estimates = track(tracker, run)
-    R = np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
-    return R, float(pooled_errors([scored(estimates, run)]).mean())
+    return rotations_of(estimates), float(pooled_errors([scored(estimates, run)]).mean())
 
 
 def compared(sequence: Sequence) -> Array:

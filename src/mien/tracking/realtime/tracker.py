@@ -200,7 +200,8 @@ class RealtimeTracker:
             found = list(self._faces_near(turned_aside(self.pose, self.axes.first.R), frame, most))
             if found:
                 return min(found, key=lambda there: there[1].misfit)
-        if self._is_due(self.lost_frames) if lost else self._doubts(here):
+        search = self._is_due(self.lost_frames) if lost else self._doubts(here)
+        if search:
             proposals = (Pose(*placed, self.fit.animation) for placed in self._proposals(frame))
             return next(self._faces_near(proposals, frame, most), None)
         return None
