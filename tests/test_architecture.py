@@ -13,7 +13,7 @@ import mien
 LAYERS = (
     ("_version", "errors", "arrays"),
     ("files", "csv_files", "compiled", "processes", "threads"),
-    ("config",),
+    ("config", "graphics"),
     ("frame",),
     ("video",),
     ("geometry",),

@@ -229,10 +229,10 @@ def test_a_face_is_not_taken_for_one_that_passes_it(video: Path, monkeypatch: py
     """Where the looks of the face on the left end with the one on the right, that one is tracked back to where the
     looks show the other."""
 
-    def best_look(first: Frame, landmarks: Landmarks, *_: object) -> tuple[Frame, list[Landmarks]]:
+    def best_look(first: Frame, landmarks: Landmarks, *_: object) -> tuple[Frame, list[Landmarks], None]:
         looks = [replace(landmarks, points=turning(1).landmarks[k], frame_index=k, time=k / FPS) for k in (0, 10, 20)]
         looks[-1] = replace(looks[-1], points=turning(-1).landmarks[20] + [WIDTH, 0])
-        return decode_frame(open_video(video), first, 20, 20 / FPS), looks
+        return decode_frame(open_video(video), first, 20, 20 / FPS), looks, None
 
     monkeypatch.setattr("mien.start.first_frame.best_look", best_look)
     heard: list[int] = []

@@ -41,6 +41,11 @@ class DescriptorSettings(Settings):
     blur: float = Field(1.0, ge=0)
     root: float = Field(0.0, ge=0)
 
+    @property
+    def reach(self) -> int:
+        """How far the cells extend to each side of a point, in pixels of the crop."""
+        return 2 * self.cell
+
 
 class PaperSettings(Settings):
     """The method of the paper as printed; values that it does not give are the measured defaults of docs/method.md."""
@@ -181,6 +186,9 @@ class RealtimeSettings(Settings):
     rest_turn_deg: float = Field(10.0, gt=0, description="rotation of the head at which these variances are halved")
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
     hidden_depth: float = Field(0.2, gt=0, description="depth behind the face's own surface above which it is hidden")
+    covered_share: float = Field(
+        0.3, gt=0, description="share of graphics in a landmark's surroundings above which it is hidden"
+    )
     sidelong_weight: float = Field(0.03, gt=0, le=1, description="weight of a view that sees a landmark edge-on")
     lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean that halves a landmark's metric")
     learn_shape: bool = Field(True, description="whether the shape is learned while tracking")

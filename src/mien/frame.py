@@ -14,6 +14,7 @@ import numpy as np
 
 from mien.arrays import Pixels
 from mien.errors import MienError, require
+from mien.graphics import Graphics
 
 
 class Frame:
@@ -32,6 +33,16 @@ class Frame:
             raise MienError(f"a frame has the index {index!r} and the time {time!r}; give a number from 0, and seconds")
         self.image, self.index, self.time = pixels, int(index), float(time)
         self.height, self.width = (int(n) for n in pixels.shape[:2])
+        self.graphics: Graphics | None = None
+
+    def behind(self, graphics: Graphics | None) -> Frame:
+        """The same frame, whose luminance has these graphics painted over; `pixels` stay as they are."""
+        if graphics is None:
+            return self
+        frame = Frame.__new__(Frame)
+        vars(frame).update(vars(self), graphics=graphics)
+        vars(frame).pop("gray", None)
+        return frame
 
     def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float]]:
         """Pickle the RGB pixels: a decoded image cannot leave its process."""
@@ -58,9 +69,24 @@ class Frame:
 
     def gray_part(self, rows: slice, columns: slice) -> Pixels:
         """(h, w) uint8 luminance of a region, at the cost of that region alone."""
+        gray = self._recorded_gray(rows, columns)
+        if self.graphics is not None:
+            gray = gray.copy()
+            self.graphics.paste(self._painted, gray, rows.start or 0, columns.start or 0)
+        return gray
+
+    def _recorded_gray(self, rows: slice, columns: slice) -> Pixels:
+        """The luminance of a region with what is before the face."""
         if self._luma is None:
             return np.asarray(cv2.cvtColor(self.pixels[rows, columns], cv2.COLOR_RGB2GRAY), dtype=np.uint8)
         return np.ascontiguousarray(self._luma[rows, columns])
+
+    @cached_property
+    def _painted(self) -> Pixels:
+        """The surroundings of the graphics, painted over."""
+        assert self.graphics is not None, "there are graphics to paint over"
+        rows, columns = self.graphics.surroundings
+        return self.graphics.painted_over(self._recorded_gray(rows, columns))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.fit import FirstFrame, fit_first_frame
-from mien.initialization.landmarks import Landmarks, Point, rows_of_scheme
+from mien.initialization.landmark_files import read_landmarks, write_landmarks
+from mien.initialization.landmarks import Landmarks, Point, place_of, rows_of_scheme
 from mien.start import search
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
@@ -47,9 +48,15 @@ def video(turning: SyntheticSequence, tmp_path: Path) -> Path:
 def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set[int]:
     """One that finds the true landmarks, but not in the frames of this set, which a test fills."""
     hidden: set[int] = set()
+    _detect_in(turning, hidden, monkeypatch)
+    return hidden
+
+
+def _detect_in(sequence: SyntheticSequence, hidden: set[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the detector find the true landmarks of a sequence, but not in the frames that are hidden."""
 
     def seen(frame: Frame) -> Landmarks:
-        return _true_look(turning, frame.index)
+        return _true_look(sequence, frame.index)
 
     def first_with_a_face(frames: Iterable[Frame], at: Point | None) -> tuple[Frame, list[Landmarks]]:
         return next((frame, [seen(frame)]) for frame in frames)
@@ -65,7 +72,6 @@ def detector(monkeypatch: pytest.MonkeyPatch, turning: SyntheticSequence) -> set
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(search, "DETECTION_INTERVAL", 0.2)
-    return hidden
 
 
 def _true_look(sequence: SyntheticSequence, index: int) -> Landmarks:
@@ -165,6 +171,59 @@ def test_a_face_is_looked_at_until_it_looks_into_the_camera(
 def test_a_look_that_is_hardly_better_is_not_worth_it(detector: set[int], video: Path) -> None:
     detector.update(range(19))
     assert prepare(Footage(open_video(video), face().camera, start=0.48)).first.index == 12
+
+
+@pytest.mark.parametrize("first_deg", [0.0, 30.0])
+def test_graphics_before_the_face_are_found_and_kept_with_its_landmarks(
+    first_deg: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Be it learned in the first frame or in a later one."""
+    shift = np.outer(np.sin(np.arange(40) / 6), [0.2, 0.1, 0.0])
+    angles = np.outer(np.clip(1 - np.arange(40) / 10, 0, 1), [0.0, first_deg, 0.0])
+    moving = make_sequence(face(), moved(face(), angles, shift, np.zeros((40, 6))), noise_sd=NOISE_SD)
+    _detect_in(moving, set(), monkeypatch)
+    (x, y), size = (np.asarray(value, int) for value in place_of(face().landmarks.points))
+    corner, other = (int(x - size // 6), int(y - size // 8)), (int(x + size // 6), int(y + size // 8))
+    pictures = [cv2.rectangle(frame.pixels.copy(), corner, other, (10, 40, 160), -1) for frame in moving.frames]
+    begin = prepare(Footage(open_video(write_video(tmp_path / "logo.mkv", pictures)), face().camera))
+    assert (begin.first.index == 0) == (first_deg == 0)
+    found = begin.landmarks.graphics
+    assert found is not None
+    assert found.x <= corner[0] < other[0] < found.x + found.mask.shape[1]
+    assert found.y <= corner[1] < other[1] < found.y + found.mask.shape[0]
+    write_landmarks(tmp_path / "logo.json", begin.landmarks)
+    again = read_landmarks(tmp_path / "logo.json").graphics
+    assert again is not None
+    assert (again.x, again.y) == (found.x, found.y)
+    np.testing.assert_array_equal(again.mask, found.mask)
+
+
+def test_looks_that_copies_do_not_confirm_count_too(
+    detector: set[int], video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def refine(frame: Frame, face: Landmarks) -> None:
+        tried.append(frame.index)
+
+    monkeypatch.setattr("mien.initialization.detector.refine", refine)
+    monkeypatch.setattr(search, "_MOST_REFINED", 2)
+    assert prepare(Footage(open_video(video), face().camera)).first.index == 0
+    assert len(tried) == 2
+
+
+@pytest.mark.parametrize(("rate", "fps"), [(25.0, 25.0), (25.0, 1000.0), (25.0, 1.0), (30.0, 29.97)])
+def test_frames_are_sampled_by_their_time_and_not_by_the_rate_that_a_file_states(rate: float, fps: float) -> None:
+    frames = [Frame(np.full((8, 8, 3), 100, np.uint8), k, k / rate) for k in range(40)]
+    sampled = search.sampled_frames(Footage(Live(frames, repeatable=True, fps=fps), face().camera))
+    step = round(0.5 * rate)
+    assert [frame.index for _, frame in sampled] == list(range(0, 40, step))
+
+
+def test_after_a_gap_sampling_goes_on() -> None:
+    frames = [Frame(np.full((8, 8, 3), 100, np.uint8), k, t) for k, t in enumerate([0.0, 0.1, 3.0, 3.1, 3.4, 3.5])]
+    sampled = search.sampled_frames(Footage(Live(frames, repeatable=True), face().camera))
+    assert [frame.index for _, frame in sampled] == [0, 2, 4]
 
 
 def test_what_is_behind_the_end_is_not_looked_at(detector: set[int], video: Path) -> None:

@@ -20,6 +20,7 @@ from mien.arrays import Array
 from mien.csv_files import csv_rows
 from mien.errors import MienError, require
 from mien.files import json_text, whole_file
+from mien.graphics import Graphics
 from mien.initialization.landmarks import SCHEME_OF_COUNT, Landmarks
 from mien.video import warn_of_another_size
 
@@ -68,6 +69,7 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
+        graphics = None if values.get("graphics") is None else Graphics.from_dict(values["graphics"])
         elsewhere = int(values.get("frame", index)) != index
         index, time = int(values.get("frame", index)), float(values.get("time", time))
     except json.JSONDecodeError as error:
@@ -80,7 +82,7 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
     require("time" in values or not elsewhere, f"{path} states no time of its frame {index}; add `time`, in seconds")
     if size is not None:
         warn_of_another_size(f"{path} has landmarks", content, size, "find its own with mien landmarks")
-    return Landmarks(points, scheme, depths, index, time, str(path))
+    return Landmarks(points, scheme, depths, index, time, str(path), graphics=graphics)
 
 
 def _json_text(path: Path, landmarks: Landmarks) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mien.arrays import Array, Mask
 from mien.errors import MienError, require
+from mien.graphics import Graphics
 
 LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
     {
@@ -134,7 +135,7 @@ class Landmarks:
     points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, increasing away from the
     camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages;
     disagreement: how far detections in several copies of the frame are apart, as the median difference of coordinates
-    over the face's size, if they were averaged over such.
+    over the face's size, if they were averaged over such; graphics: what stands still before the face in the video.
     """
 
     points: Array
@@ -144,6 +145,7 @@ class Landmarks:
     time: float = 0.0
     source: str = "landmarks"
     disagreement: float | None = None
+    graphics: Graphics | None = None
 
     def __post_init__(self) -> None:
         for name in ("points", "depths"):
@@ -207,6 +209,11 @@ class Landmarks:
             f"{self.source}: the face measures {size:.1f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
             "enlarge or crop the video",
         )
+        of = self.graphics and (self.graphics.width, self.graphics.height)
+        require(
+            of in (None, (width, height)),
+            f"{self.source}: the `graphics` belong to another size of image than {width}x{height}; remove them",
+        )
         depths = 0.0 if self.depths is None else float(np.ptp(self.depths))
         require(
             depths <= _DEEPEST * size,
@@ -229,6 +236,7 @@ class Landmarks:
             "time": self.time,
             "points": np.round(self.points, 3).tolist(),
             "depths": None if self.depths is None else np.round(self.depths, 3).tolist(),
+            "graphics": None if self.graphics is None else self.graphics.to_dict(),
         }
 
 

@@ -18,12 +18,13 @@ from mien.errors import interruption, require
 from mien.files import create_temporary, move_into_place, named_errors, whole_file
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.graphics import Graphics
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.tracking.state import Estimate, TrackedLandmarks
 
 SMALLEST_WIDTH = 640
 """Narrower frames are enlarged by an integer factor before drawing, so that the mesh lines stay thin."""
-MESH = (120, 220, 255)
+MESH, GRAPHICS = (120, 220, 255), (255, 90, 220)
 SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
 AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
 TEXT, LOST_TEXT = (255, 255, 255), (255, 110, 100)
@@ -82,10 +83,16 @@ def draw_mesh(
     triangles: NDArray[np.intp],
     camera: Camera,
     landmarks: Array | None = None,
+    graphics: Graphics | None = None,
 ) -> Pixels:
-    """Draw the fitted mesh, vertices (V, 3) in camera axes and triangles (T, 3), and the landmarks (n, 2) in pixels,
-    for visual inspection."""
+    """Draw the fitted mesh, vertices (V, 3) in camera axes and triangles (T, 3), the landmarks (n, 2) in pixels, and
+    the outlines of graphics, for visual inspection."""
     canvas, scale = _enlarge(frame)
+    if graphics is not None:
+        mask = cv2.resize(graphics.mask.astype(np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+        place = (graphics.x * scale, graphics.y * scale)
+        outlines = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE, offset=place)[0]
+        cv2.polylines(canvas, outlines, True, GRAPHICS, 1, cv2.LINE_AA)
     _draw_mesh(canvas, Mesh(vertices, triangles), camera, scale)
     if landmarks is not None:
         _draw_points(canvas, landmarks * scale + (scale - 1) / 2, [SEEN] * len(landmarks))

@@ -49,5 +49,6 @@ def write_first_frame(
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
     write_landmarks(output, begin.landmarks)
-    save_png(Path(plot), draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points))
+    graphics = begin.landmarks.graphics
+    save_png(Path(plot), draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points, graphics))
     return fit

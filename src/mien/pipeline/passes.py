@@ -167,11 +167,16 @@ def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Ar
 
 def warn_of_first_frame(first: Estimate, landmarks: Landmarks, video: Video, face_id: int = 0) -> None:
     """Warn if the face is turned away in the first frame, from which its appearance and shape are learned, or partly
-    covered. face_id: index of the face in the video."""
+    covered, there or throughout. face_id: index of the face in the video."""
     if first.rotation is None or first.translation is None:
         return
     remedy = "begin" if video.path is None else "use --start to begin"
     face = f"face {face_id}" if face_id else "the face"
+    if landmarks.graphics is not None:
+        warn(
+            f"{video.name}: graphics, such as a logo, stand still before {face}; they are painted over, and what they "
+            "hide is not tracked"
+        )
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
         warn(

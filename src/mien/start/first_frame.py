@@ -54,7 +54,9 @@ class Start:
             self,
             first=frame,
             frames=self.footage.frames(),
-            landmarks=_rounded_as_saved(replace(sightings[-1], source=self.landmarks.source)),
+            landmarks=_rounded_as_saved(
+                replace(sightings[-1], source=self.landmarks.source, graphics=self.landmarks.graphics)
+            ),
             since=max(self.since, frame.time - BACK_SECONDS),
             sightings=tuple(sightings),
             instead=replace(self, frames=self.footage.frames()),
@@ -142,9 +144,11 @@ def _begin_with_a_face(opening: _Opening, report: Callable[[Estimate], None], sh
             passed.append(estimate)
 
     first, landmarks = find_face(opening.frames, footage.video.name, without_face, patience, opening.face)
-    better = best_look(first, landmarks, camera, footage) if footage.repeatable and not opening.at_once else None
-    begin = opening.start(first, landmarks, passed, reported=first.index)
-    return begin.moved_to(*better) if better else begin
+    if opening.at_once or not footage.repeatable:
+        return opening.start(first, landmarks, passed, reported=first.index)
+    best, sightings, graphics = best_look(first, landmarks, camera, footage)
+    begin = opening.start(first, replace(landmarks, graphics=graphics), passed, reported=first.index)
+    return begin if best is first else begin.moved_to(best, sightings)
 
 
 def _begin_with_landmarks(

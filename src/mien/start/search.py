@@ -13,9 +13,11 @@ from mien.arrays import Array
 from mien.errors import MienError, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.graphics import Graphics
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmarks import Landmarks, Point
 from mien.initialization.looks import detail, disagreement_error, expected_errors, rotation_of
+from mien.initialization.still import StillSearch
 from mien.start.footage import Footage
 from mien.tracking.scene import numbered_by_shot
 from mien.video import decode_frame
@@ -29,11 +31,13 @@ BACK_SECONDS = _LOOK_SECONDS + _SEARCH_SECONDS
 DETECTION_INTERVAL = 0.5
 """Seconds between two detections."""
 _MOST_REFINED = 8
-"""Number of looks of which it is found out how well they are detected."""
+"""Number of looks of which it is found out at most how well they are detected."""
 _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
 """Rotation of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
+_SAME_TIME = 1e-6
+"""Times in seconds that differ by less are the same."""
 _GONE_SECONDS = 1.0
 """How long a live camera's face may not be detected before the wait for it begins anew."""
 _PATIENCE = 3.0
@@ -125,15 +129,16 @@ class Patience:
 
 def best_look(
     first: Frame, landmarks: Landmarks, camera: Camera, footage: Footage
-) -> tuple[Frame, list[Landmarks]] | None:
-    """The frame from which a face is learned best, a later one of the same shot, and the looks from the first one to
-    that; None if the first one is best. After a cut, the same place may show another face."""
+) -> tuple[Frame, list[Landmarks], Graphics | None]:
+    """The frame from which a face is learned best, the first one or a later one of the same shot, the looks from the
+    first one to that, and what stands still before the face. After a cut, the same place may show another face."""
     from mien.initialization.detector import follow
 
     uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(replace(footage, start=first.time)))
     later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
     looks, details, facing = [landmarks], [detail(first, landmarks)], _into_camera(fit.R, fit.t)
+    still = StillSearch(first, landmarks)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
     for frame, face in follow(landmarks, in_time):
@@ -141,28 +146,27 @@ def best_look(
             continue
         looks.append(face)
         details.append(detail(frame, face))
+        still.add(frame, face)
         if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
             facing, until = True, face.time + _LOOK_SECONDS
     errors = expected_errors(looks, details, camera, fit.R, fit.t)
-    return _confirmed_best(first, looks, errors, footage)
+    best, looks = _confirmed_best(first, looks, errors, footage)
+    return best, looks, still.graphics()
 
 
 def _confirmed_best(
     first: Frame, looks: Sequence[Landmarks], errors: Array, footage: Footage
-) -> tuple[Frame, list[Landmarks]] | None:
+) -> tuple[Frame, list[Landmarks]]:
     """See `best_look`. errors: (n,) expected of the looks; to those of the best is added by how much the detections in
     copies of their frames disagree, as in a face that is partly covered, until that is known of the best one."""
     from mien.initialization.detector import refine
 
     errors, refined = errors.copy(), {0: (first, looks[0])}
     errors[0] += disagreement_error(looks[0])
-    while True:
-        best = int(np.argmin(errors))
-        if best == 0 or errors[0] - errors[best] < _LEAST_GAIN:
-            return None
+    for _ in range(_MOST_REFINED):
+        best = _best_of(errors)
         if best in refined:
-            frame, landmarks = refined[best]
-            return frame, [*looks[:best], landmarks]
+            break
         frame = decode_frame(footage.video, first, looks[best].frame_index, looks[best].time)
         found = refine(frame, looks[best])
         if found is not None and found.are_trackable(frame.width, frame.height):
@@ -170,14 +174,28 @@ def _confirmed_best(
             errors[best] += disagreement_error(found)
         else:
             errors[best] = math.inf
-        if len(refined) > _MOST_REFINED:
-            errors[[k for k in range(len(looks)) if k not in refined]] = math.inf
+    errors[[k for k in range(len(looks)) if k not in refined]] = math.inf
+    best = _best_of(errors)
+    frame, landmarks = refined[best]
+    return frame, [*looks[:best], landmarks]
+
+
+def _best_of(errors: Array) -> int:
+    """The look with the smallest error (n,); the first one where a later one gains too little."""
+    best = int(np.argmin(errors))
+    return best if errors[best] <= errors[0] - _LEAST_GAIN else 0
 
 
 def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
-    """One frame every half second, starting with the first, each with the number of cuts before it."""
-    step = max(1, round(DETECTION_INTERVAL * footage.video.fps))
-    return islice(numbered_by_shot(footage.frames()), None, None, step)
+    """The first frame, and then the one nearest to half a second after the last; each with the number of cuts before
+    it. By the frames' own times: the rate that a file states may be wrong."""
+    due, before = -math.inf, math.inf
+    for cuts, frame in numbered_by_shot(footage.frames()):
+        halfway = 0.5 * max(frame.time - before, 0.0)
+        if frame.time + halfway >= due - _SAME_TIME:
+            due = frame.time + DETECTION_INTERVAL
+            yield cuts, frame
+        before = frame.time
 
 
 def _into_camera(R: Array, t: Array) -> bool:

@@ -7,9 +7,11 @@ import math
 import numpy as np
 
 from mien.appearance.crop import is_blank
+from mien.arrays import Array, Mask
 from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.graphics import Graphics
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.kernels import AppearanceArrays
 from mien.tracking.realtime.level import Level
@@ -59,9 +61,16 @@ class PoseSolver:
             X, self.face.normals, R, self.camera_vector, frame.width, frame.height, self.settings.hidden_cosine
         )
         facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
+        if frame.graphics is not None:
+            facing &= self._uncovered(frame.graphics, X, level.descriptor.reach / crop.scale)
         if is_blank(image):
             facing[:] = False
         return View(level, pose, pose, crop, image, geometry, facing)
+
+    def _uncovered(self, graphics: Graphics, X: Array, reach: float) -> Mask:
+        """Which landmarks (n,), at points X (n, 3) in camera axes, graphics leave enough of. reach: pixels of the image
+        that their descriptors extend to each side."""
+        return graphics.share_around(self.camera.project(X)[0], reach) < self.settings.covered_share
 
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""

@@ -89,6 +89,7 @@ class RealtimeTracker:
         nearer to the camera than it is wide."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
+        self.graphics, frame = landmarks.graphics, frame.behind(landmarks.graphics)
         self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
         focal, mm = f"{camera.focal_px:.0f} pixels", f"{self.fit.t[2] * self.fit.mm_per_unit:.0f} mm"
@@ -146,7 +147,7 @@ class RealtimeTracker:
         """The face in the next frame; one that is lost is searched for. Raises MienError before `initialize`, and for a
         frame whose size differs from the first one's."""
         require_next_of(self.size, frame)
-        s = self.settings
+        s, frame = self.settings, frame.behind(self.graphics)
         view, solution = self._search(frame)
         status = Status.RECOVERED if self.lost_frames else Status.TRACKED
         found = self._elsewhere(frame, solution)

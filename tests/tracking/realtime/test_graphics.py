@@ -1,0 +1,58 @@
+"""A face behind graphics, which stand still while it moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from long_motion import errors_deg, sequence, shown
+from mien.arrays import Array
+from mien.errors import MienError
+from mien.frame import Frame
+from mien.graphics import Graphics
+from mien.initialization.landmarks import LANDMARK_NAMES, place_of
+from mien.synthetic import SyntheticSequence
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Estimate
+from small_motion import face
+
+BROWS = [k for k, name in enumerate(LANDMARK_NAMES) if "brow" in name]
+
+
+def _behind_bar() -> tuple[SyntheticSequence, Graphics]:
+    """The sequence with a black bar before the brows and the eyes, and the bar."""
+    (x, y), size = place_of(sequence().landmarks[0])
+    top, left, h, w = int(y - 0.55 * size), int(x - 0.6 * size), int(0.35 * size), int(1.2 * size)
+    frames = []
+    for frame in sequence().frames:
+        pixels = frame.pixels.copy()
+        pixels[top : top + h, left : left + w] = 10
+        frames.append(Frame(pixels))
+    return shown(frames), Graphics(pixels.shape[1], pixels.shape[0], left, top, np.ones((h, w), dtype=bool))
+
+
+def _track(truth: SyntheticSequence, graphics: Graphics | None) -> tuple[list[Estimate], Array]:
+    tracker, landmarks = RealtimeTracker(), replace(face().landmarks, graphics=graphics)
+    first = tracker.initialize(truth.frames[0], landmarks, face().camera)
+    estimates = [first, *(tracker.track(frame) for frame in truth.frames[1:])]
+    return estimates, errors_deg(estimates, truth)
+
+
+def test_a_face_is_followed_behind_graphics_that_are_known() -> None:
+    truth, bar = _behind_bar()
+    _, held = _track(truth, None)
+    estimates, errors = _track(truth, bar)
+    assert errors.mean() < 0.5 * held.mean()
+    assert errors.max() < 4.5
+    visible = [e.landmarks.visibility for e in estimates if e.landmarks is not None]
+    assert len(visible) == len(estimates)
+    assert visible[0][BROWS].max() == 0
+    assert visible[0][LANDMARK_NAMES.index("nose_tip")] > 0.5
+
+
+def test_graphics_of_another_video_are_refused() -> None:
+    graphics = Graphics(640, 480, 0, 0, np.ones((4, 4), dtype=bool))
+    with pytest.raises(MienError, match="another size"):
+        _track(sequence(), graphics)
