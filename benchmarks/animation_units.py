@@ -121,7 +121,7 @@ def filmed(video: Path) -> Moved | None:
             break
         if face is None:
             landmarks = seen[frame.index]
-            tracker.initialize(frame, landmarks, Camera.from_fov(frame.width, frame.height))
+            tracker.initialize(frame, landmarks, Camera.unknown(frame.width, frame.height))
             face = FirstFace(tracker, landmarks.scheme, landmarks.points)
             continue
         estimate = tracker.track(frame)

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
+from ablation import rotations_of
+from inputs import carry_out
 
 from mien.arrays import Array, Mask, Pixels
 from mien.demo import NOISE_SD, demo_states
@@ -73,8 +75,8 @@ def errors_deg(face: Portrait, states: Array, noise_sd: float, seed: int = 0) ->
     tracker = RealtimeTracker()
     first = tracker.initialize(sequence.frames[0], face.landmarks, face.camera)
     estimates = [first, *(tracker.track(frame) for frame in sequence.frames[1:])]
-    R = np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
-    turns = relative(Protocol.SENSOR, R) @ np.swapaxes(relative(Protocol.SENSOR, sequence.R), 1, 2)
+    found, true = (relative(Protocol.SENSOR, R) for R in (rotations_of(estimates), sequence.R))
+    turns = found @ np.swapaxes(true, 1, 2)
     return np.degrees([log(turn) for turn in turns])
 
 
@@ -109,4 +111,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    carry_out(main)

@@ -118,7 +118,7 @@ def track(name: str, pixels: list[Pixels]) -> TrackTable | None:
     if not faces:
         return None
     try:
-        first = tracker.initialize(frames[0], faces[0], Camera.from_fov(frames[0].width, frames[0].height))
+        first = tracker.initialize(frames[0], faces[0], Camera.unknown(frames[0].width, frames[0].height))
     except MienError:
         return None
     return TrackTable.from_estimates([first, *(tracker.track(frame) for frame in frames[1:])])

@@ -58,7 +58,7 @@ def head_of(video: Path, rng: np.random.Generator) -> Head | None:
     faces = detect(frame)
     if not faces:
         return None
-    camera = Camera.from_fov(frame.width, frame.height)
+    camera = Camera.unknown(frame.width, frame.height)
     fit = fit_first_frame(faces[0], camera)
     surface = face_surface(faces[0], fit, camera)
     X = (surface.vertices - fit.t) @ fit.R

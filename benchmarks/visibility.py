@@ -116,7 +116,7 @@ def videos(rendered: Path, recordings: Path) -> Iterator[tuple[str, list[Frame],
         if found is not None:
             first, faces = found
             frames = [Frame(f.pixels, k, f.time) for k, f in enumerate(chain([first], islice(read, FRAMES - 1)))]
-            yield path.stem, frames, faces[0], Camera.from_fov(first.width, first.height)
+            yield path.stem, frames, faces[0], Camera.unknown(first.width, first.height)
 
 
 def share(told: Array, of: Mask) -> str:

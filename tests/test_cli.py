@@ -152,6 +152,17 @@ def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Pa
     assert cv2.imread("in.landmarks.png").shape == (480, 640, 3)
 
 
+def test_landmarks_overwrites_no_camera(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
+) -> None:
+    """The landmarks themselves may be written again."""
+    camera = tmp_path / "camera.json"
+    camera.write_text('{"focal_px": 400, "cx": 160, "cy": 120}')
+    asked = ["landmarks", video, "--landmarks", marks, "--camera", camera]
+    refused([*asked, "-o", camera], "camera.json would overwrite", "choose another name")
+    assert mien(*asked, "-o", marks).status == 0
+
+
 def test_the_face_is_detected(mien: Command, video: Path, tmp_path: Path) -> None:
     assert mien("track", video, "-o", "out.csv", "--quiet").status == 0
     assert names(tmp_path) == {video.name, *TABLES}

@@ -1,7 +1,11 @@
-"""Kernels where nothing can be cached."""
+"""Kernels where nothing can be cached, and those of other packages."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -30,3 +34,14 @@ def test_without_a_folder_that_can_be_written_kernels_are_compiled_all_the_same(
             return 2 * x
 
     assert double(4.0) == 8.0
+
+
+def test_a_kernel_outside_mien_is_compiled_anew_when_it_has_changed(tmp_path: Path) -> None:
+    """One of a benchmark, or of a tracker of one's own."""
+    text = "from mien.compiled import kernel\n\n@kernel()\ndef added(x):\n    return x + 1\n\nprint(added(1))\n"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    for code, printed in ((text, "2"), (text, "2"), (text.replace("+ 1", "+ 5"), "6")):
+        (tmp_path / "own.py").write_text(code)
+        command = [sys.executable, "own.py"]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.stdout.strip() == printed, done.stderr

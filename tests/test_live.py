@@ -11,7 +11,7 @@ import pytest
 
 import mien
 from mien import live
-from mien.errors import MienError
+from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
@@ -100,6 +100,27 @@ def test_a_lost_face_is_not_given_up_unless_asked(folder: Path) -> None:
 def test_after_a_while_another_face_is_learned(folder: Path) -> None:
     last, later = SEEN[-1], round(0.18 * FOLDER_FPS) + 1
     assert begun(folder, anew_after=0.18) == [SEEN.start, last + later, last + later + 4 + later]
+
+
+def test_a_face_that_cannot_be_learned_does_not_end_the_stream(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Except the first: then the camera is to be corrected."""
+
+    class Nearsighted(Told):
+        def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+            require(frame.index in self.sees, "the face would be too near")
+            return super().initialize(frame, landmarks, camera)
+
+        sees = SEEN
+
+    monkeypatch.setattr(live, "create_tracker", lambda name: Nearsighted())
+    estimates = [estimate for _, estimate in mien.stream(folder, anew_after=0.2)]
+    assert len(estimates) == FRAMES
+    refused = [e for e in estimates if e.reason == "the face in view cannot be learned: the face would be too near"]
+    assert refused
+    assert all(e.status is Status.LOST for e in refused)
+    monkeypatch.setattr(Nearsighted, "sees", ())
+    with pytest.raises(MienError, match="too near"):
+        list(mien.stream(folder))
 
 
 @pytest.mark.parametrize(("doubt", "again"), [(0.05, True), (0.3, False)])

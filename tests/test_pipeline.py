@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from pydantic import BaseModel
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import mien
@@ -364,13 +365,36 @@ class WiserTracker(StillTracker):
         self.stops = stops
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        self.axes = SimpleNamespace(report_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
+        self.axes = SimpleNamespace(turn=np.eye(3), report_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
         return super().initialize(frame, landmarks, camera)
 
     def track(self, frame: Frame) -> Estimate:
         if self.stops and frame.index == 4:
             raise KeyboardInterrupt
         return super().track(frame)
+
+
+class WithAxes(StillTracker):
+    """A tracker of one's own whose attribute `axes` means something else, with a setting that JSON does not know."""
+
+    class Own(BaseModel):
+        patience: float = float("inf")
+
+    axes = ("x", "y", "z")
+    settings = Own()
+
+
+def test_a_tracker_of_ones_own_may_have_axes_of_another_kind(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    use_tracker(monkeypatch, lambda name: WithAxes())
+    mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
+    assert mien.Track.read(tmp_path / "out").metadata["settings"] == {"patience": None}
+
+
+def test_landmarks_may_have_numbers_of_numpy(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
+    marks = replace(known_portrait().landmarks, frame_index=np.int64(0), time=np.float32(0))
+    assert len(mien.track(folder, landmarks=marks, save=tmp_path / "out")) == 6
 
 
 @pytest.mark.parametrize("stops", [False, True])

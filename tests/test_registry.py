@@ -93,6 +93,13 @@ class Whole:
 
 class Half:
     def track(self, frame): ...
+
+class Choosy(Whole):
+    def __init__(self, needed): ...
+
+class Faulty(Whole):
+    def __init__(self):
+        len(5)
 """
 
 
@@ -106,6 +113,10 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
         create_tracker("own_trackers_here:Hole")
     with pytest.raises(MienError, match="own_trackers_here:Half has no method initialize; see"):
         create_tracker("own_trackers_here:Half")
+    with pytest.raises(MienError, match=r"Choosy cannot be created \(missing.*needed.*it must need no arguments"):
+        create_tracker("own_trackers_here:Choosy")
+    with pytest.raises(TypeError, match=r"len\(\)"):  # its own fault, with its own traceback
+        create_tracker("own_trackers_here:Faulty")
     for name in ("not_there_at_all:Whole", ":Whole", ".own_trackers_here:Whole"):
         with pytest.raises(MienError, match=f"unknown tracker '{re.escape(name)}'"):
             create_tracker(name)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from numbers import Real
 from pathlib import Path
 
-from mien.errors import interruption, require
+from mien.errors import MienError, interruption, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.pipeline.passes import warn_of_first_frame
@@ -73,10 +73,17 @@ def _stream(
             patience = Patience(footage.camera_of(frame))
         faces = patience(frame) if tracker is None or (doubtful and frame.time - seen > anew_after) else []
         if faces:
-            tracker, first = first or create_tracker(preset), None
-            estimate = checked(tracker.initialize(frame, faces[0], patience.camera), tracker, frame)
-            patience, seen = Patience(patience.camera), frame.time
-            warn_of_first_frame(estimate, faces[0], footage.video)
+            learned = first or create_tracker(preset)
+            try:
+                estimate = checked(learned.initialize(frame, faces[0], patience.camera), learned, frame)
+            except MienError as error:
+                if first is not None:
+                    raise
+                estimate = Estimate.lost(frame, f"the face in view cannot be learned: {error}")
+            else:
+                tracker, first, seen = learned, None, frame.time
+                warn_of_first_frame(estimate, faces[0], footage.video)
+            patience = Patience(patience.camera)
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame, patience)
         doubtful = estimate.confidence <= _DOUBTFUL

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
+from inspect import signature
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING
@@ -57,11 +58,12 @@ def create_tracker(name: str) -> Tracker:
     tracker = getattr(found, cls, None)
     require(callable(tracker), f"{name}: the module {module} has no class {cls}")
     assert tracker is not None
-    argument = argument_of(name)
+    arguments = [argument for argument in [argument_of(name)] if argument is not None]
     try:
-        made: Tracker = tracker() if argument is None else tracker(argument)
+        signature(tracker).bind(*arguments)
     except TypeError as error:
         raise MienError(f"{name} cannot be created ({error}); it must need no arguments") from error
+    made: Tracker = tracker(*arguments)
     missing = [method for method in ("initialize", "track") if not callable(getattr(made, method, None))]
     require(not missing, f"{name} has no method {' and no '.join(missing)}; see mien.Tracker")
     return made

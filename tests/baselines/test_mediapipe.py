@@ -84,4 +84,8 @@ def test_it_follows_the_portrait() -> None:
     assert {"nose_tip", "right_eye_outer_corner"} <= set(seen.names)
     black = tracker.track(Frame(np.zeros_like(first.pixels), 8, 0.3))
     assert black.status is Status.LOST
-    assert "no face" in black.reason
+    assert "sees no face" in black.reason
+    assert tracker.track(first).status is Status.RECOVERED
+    late = MediaPipeTracker()
+    late.initialize(Frame(np.zeros_like(first.pixels)), face.landmarks, face.camera)
+    assert "saw no face in the first frame" in late.track(first).reason

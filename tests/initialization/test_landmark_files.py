@@ -104,6 +104,11 @@ def test_csv_of_several_faces_gives_the_surest(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_landmarks(path).points, POINTS + 1)
 
 
+def test_csv_may_have_columns_of_ones_own(tmp_path: Path) -> None:
+    path = openface(tmp_path / "l.csv", [row(0.0, 2.0) | {"x_offset": 5}])
+    np.testing.assert_allclose(read_landmarks(path).points, POINTS + 2)
+
+
 def test_csv_without_times_goes_by_the_row(tmp_path: Path) -> None:
     rows = [{k: v for k, v in row(0.0, s).items() if k != "timestamp"} for s in (0.0, 3.0)]
     path = openface(tmp_path / "l.csv", rows)

@@ -361,6 +361,22 @@ def test_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -
     assert Track.read(tmp_path / "out.csv").table["note"].to_pylist() == words
 
 
+def test_a_reason_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -> None:
+    """Also where the table, of another tool, had no reasons."""
+    reasons = ["behind a hand, it seems", *([None] * (len(track) - 1))]
+    for table in (track.table, track.table.drop_columns(["reason"])):
+        replace(track, table=table).without(reasons).save(tmp_path / "out.csv")
+        again = Track.read(tmp_path / "out.csv").table
+        assert again["reason"].to_pylist()[0] == reasons[0]
+        assert again["status"].to_pylist()[0] == "lost"
+    assert '"' not in _saved_text(track, tmp_path)
+
+
+def _saved_text(track: Track, folder: Path) -> str:
+    track.save(folder / "plain.csv")
+    return (folder / "plain.csv").read_text()
+
+
 def test_the_name_of_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -> None:
     own = track.table.append_column("stimulus, shown", pa.array(["a"] * len(track)))
     Track(own, track.metadata).save(tmp_path / "out")

@@ -23,6 +23,7 @@ from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install mediapipe==0.10.21 (Python 3.10 to 3.12)"
 NO_FACE = "MediaPipe sees no face"
+NO_MESH = "MediaPipe saw no face in the first frame, from which it would have had its mesh"
 
 
 class MediaPipeTracker:
@@ -40,6 +41,7 @@ class MediaPipeTracker:
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None
+        self._lost = False
         rows = rows_reported("mediapipe478")
         self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
@@ -61,9 +63,11 @@ class MediaPipeTracker:
         """The pose of the face by PnP, starting from that of the last frame."""
         points = self._detect(frame)
         if points is None or self._shape is None:
-            return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
+            self._lost = True
+            return Estimate.lost(frame, NO_FACE if points is None else NO_MESH, self._mm_per_unit)
+        status, self._lost = Status.RECOVERED if self._lost else Status.TRACKED, False
         self._R, self._t = solve_pnp(self._shape, points[:, :2], self._camera, self._R, self._t)
-        return self._estimate(frame, points, Status.TRACKED)
+        return self._estimate(frame, points, status)
 
     def _estimate(self, frame: Frame, points: Array, status: Status) -> Estimate:
         assert self._shape is not None

@@ -8,6 +8,7 @@ checksums. Failures are tried again. Speed is measured last, one process at a ti
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
@@ -145,7 +146,7 @@ def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
         tracked = [j for j in tracks if j.label == label(tracker) and _is_valid(j)]
         for job in tracked[: plan.timed]:
             file = timing_path(plan.out, job.label, job.sequence)
-            out.append(Job(**{**job.__dict__, "task": "time", "out": str(file)}))
+            out.append(replace(job, task="time", out=str(file)))
     return out
 
 

@@ -119,7 +119,7 @@ def _pts_text(path: Path, landmarks: Landmarks) -> str:
 
 def _read_csv(path: Path, index: int, time: float) -> Landmarks:
     row = _row_of_frame(path, list(csv_rows(path)), index, time)
-    count = sum(1 for name in row if name.startswith("x_"))
+    count = sum(1 for name in row if re.fullmatch(r"x_\d+", name))
     require(
         count in SCHEME_OF_COUNT,
         f"{path} has {count} landmark columns x_0, x_1 ..; OpenFace writes 68 of them with -2Dfp",

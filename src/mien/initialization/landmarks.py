@@ -148,6 +148,8 @@ class Landmarks:
     graphics: Graphics | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "frame_index", int(self.frame_index))  # as a file takes them
+        object.__setattr__(self, "time", float(self.time))
         for name in ("points", "depths"):
             if getattr(self, name) is not None:
                 try:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import sys
 import threading
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -124,21 +126,29 @@ def silenced() -> _NativeLogFilter:
 def _native_stderr_discarded() -> Iterator[None]:
     """Discard what native code writes to standard error; keep what Python writes."""
     try:
-        saved = os.dup(2)
+        os.fstat(2)
     except OSError:  # there is no standard error
         yield
         return
+    screen = _screen()
+    os.dup2(2, screen.fileno())
     own, null = sys.stderr, os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
+    if own is sys.__stderr__:
+        sys.stderr = screen
+    try:
+        yield
+    finally:
+        sys.stderr = own
+        screen.flush()
+        os.dup2(screen.fileno(), 2)
+        os.close(null)
+
+
+@cache
+def _screen() -> TextIO:
+    """Where Python writes meanwhile. It stays open: another thread may have kept it as its standard error."""
     encoding = sys.__stderr__.encoding if sys.__stderr__ else "utf-8"
-    with os.fdopen(saved, "w", 1, encoding, "backslashreplace", closefd=False) as screen:
-        if own is sys.__stderr__:
-            sys.stderr = screen
-        try:
-            yield
-        finally:
-            sys.stderr = own
-            screen.flush()
-            os.dup2(saved, 2)
-            os.close(saved)
-            os.close(null)
+    screen = os.fdopen(os.dup(2), "w", 1, encoding, "backslashreplace")
+    atexit.register(screen.close)
+    return screen

@@ -164,7 +164,8 @@ def mark_lost(table: pa.Table, reason: pa.Array) -> pa.Table:
     columns = {name: table.column(name) for name in table.column_names}
     for name in columns.keys() - set(_FRAME_COLUMNS):
         columns[name] = compute.if_else(kept, columns[name], pa.scalar(fixed.get(name), columns[name].type))
-    columns["reason"] = compute.if_else(kept, table.column("reason"), reason)
+    before = columns.get("reason", pa.nulls(len(table), reason.type))
+    columns["reason"] = compute.if_else(kept, before, reason)
     return pa.table({name: columns[name] for name in sort_columns(list(columns))})
 
 

@@ -169,7 +169,7 @@ class OverlayWriter:
 def is_overlay(path: Path) -> bool:
     """Whether a video was written by `OverlayWriter`."""
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path.absolute())) as container:
             return bool(container.metadata.get("comment") == _COMMENT)
     except (av.FFmpegError, OSError, ValueError):
         return False

@@ -32,7 +32,6 @@ from mien.output.columns import (
     EYES_CLOSED_SD,
     ROTATION,
     ROTATION_SD,
-    TEXT_COLUMNS,
     TRANSLATION,
     column_type,
     estimate_from_row,
@@ -277,10 +276,11 @@ class Track:
         return np.stack([self._numbers(n) for n in names], axis=-1)
 
     def _write_csv(self, path: Path) -> None:
-        from pyarrow import csv
+        from pyarrow import compute, csv
 
-        text = {field.name for field in self.table.schema if pa.types.is_string(field.type)}
-        quoting = "none" if text <= set(TEXT_COLUMNS) else "needed"  # a column of your own may contain commas
+        text = [field.name for field in self.table.schema if pa.types.is_string(field.type)]
+        special = (compute.match_substring_regex(self.table.column(name), '[",\r\n]') for name in text)
+        quoting = "needed" if any(compute.any(found).as_py() for found in special) else "none"
         options = csv.WriteOptions(include_header=False, quoting_style=quoting)
         with path.open("wb") as f:
             header = StringIO()

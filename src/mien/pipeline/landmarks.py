@@ -40,9 +40,11 @@ def write_first_frame(
 
     require_ending(Path(plot), (".png",))
     require_ending(Path(output), (".json",) if landmarks is None else (".json", ".pts"))
+    inputs = [Path(file) for file in (video, camera) if isinstance(file, (str, Path))]  # landmarks may be corrected
     for path in (Path(output), Path(plot)):
-        require(real_path(path) != real_path(Path(str(video))), f"{path} is the video; choose another name")
-        refuse_among_images(path, Path(str(video)))
+        for file in inputs:
+            require(real_path(path) != real_path(file), f"{path} would overwrite {file}; choose another name")
+            refuse_among_images(path, file)
         require_writable(path)
     begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())

@@ -13,7 +13,7 @@ from mien.candide.model import TRACKED_UNITS
 from mien.output.track import Recorder
 from mien.start.first_frame import Start
 from mien.start.footage import requested_options
-from mien.tracking.abilities import AxesTracker, FittedTracker, settings_of
+from mien.tracking.abilities import FittedTracker, axes_of, settings_of
 from mien.tracking.state import Tracker
 
 
@@ -58,8 +58,8 @@ def metadata(
 def _mesh_at_rest(tracker: FittedTracker) -> dict[str, Any]:
     """What `Track.mesh` needs: in millimetres and the axes of the head, as they are known now, the vertices (V, 3) at
     rest, and of each animation unit the displacements (m, 3) of those of the vertices that it moves."""
-    fit = tracker.fit
-    turn = fit.mm_per_unit * (tracker.axes.turn if isinstance(tracker, AxesTracker) else np.eye(3))
+    fit, axes = tracker.fit, axes_of(tracker)
+    turn = fit.mm_per_unit * (np.eye(3) if axes is None else axes.turn)
     units = {}
     for name, displacements in zip(TRACKED_UNITS, fit.model.animation_units, strict=True):
         moved = np.flatnonzero(np.abs(displacements).max(axis=1) > 0)

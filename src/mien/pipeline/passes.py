@@ -22,7 +22,7 @@ from mien.pipeline.run import run, run_back
 from mien.registry import create_tracker
 from mien.start.first_frame import Start
 from mien.start.search import TURNED_DEG
-from mien.tracking.abilities import AxesTracker, RepeatableTracker, ShapeTracker
+from mien.tracking.abilities import RepeatableTracker, ShapeTracker, axes_of
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Video
 
@@ -144,11 +144,11 @@ def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException) -> N
 def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> Track:
     """The recorded track, with its rotations in the head axes, and its landmarks in space with the shape, as the
     tracker finally knows them."""
-    tracker = learned.tracker
+    tracker, axes = learned.tracker, axes_of(learned.tracker)
     track = recorder.track(
         metadata(learned.begin, learned.preset, tracker, recorder, learned.number, learned.face_id, stopped)
     )
-    track = track.turned(tracker.axes.report_anew()) if isinstance(tracker, AxesTracker) else track
+    track = track if axes is None else track.turned(axes.report_anew())
     return track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
 
 

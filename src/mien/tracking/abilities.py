@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, Protocol, runtime_checkable
 
 from pydantic import BaseModel
@@ -34,6 +35,7 @@ class ShapeTracker(Protocol):
     def landmark_depths(self, R: Array, t: Array, animation: Array, closed: float) -> Array: ...
 
 
+@runtime_checkable
 class Axes(Protocol):
     """The head axes as they are known now: turn (3, 3), from the axes of the fitted model; `report_anew` returns the
     rotation (3, 3), in camera axes, that corrects everything reported so far."""
@@ -44,20 +46,19 @@ class Axes(Protocol):
 
 
 @runtime_checkable
-class AxesTracker(Protocol):
-    """A tracker that learns the axes of the head while it tracks."""
-
-    axes: Axes
-
-
-@runtime_checkable
 class RepeatableTracker(Protocol):
     """A tracker that can start again with what it has learned."""
 
     def again(self) -> Tracker: ...
 
 
+def axes_of(tracker: object) -> Axes | None:
+    """What a tracker that learns the axes of the head while it tracks knows of them, its `axes`; None for others."""
+    axes = getattr(tracker, "axes", None)
+    return axes if isinstance(axes, Axes) else None
+
+
 def settings_of(tracker: Tracker) -> dict[str, Any]:
-    """The settings of a tracker as plain values; empty if it has none."""
+    """The settings of a tracker as plain values, those that JSON does not know as null; empty if it has none."""
     own = getattr(tracker, "settings", None)
-    return dict(own.model_dump(mode="json")) if isinstance(own, BaseModel) else {}
+    return dict(json.loads(own.model_dump_json())) if isinstance(own, BaseModel) else {}
