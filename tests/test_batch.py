@@ -316,6 +316,20 @@ def test_a_video_that_has_moved_is_kept(videos: Path, code: dict[str, str], tmp_
     assert _states(track_all([tmp_path / "copy"], out)) == ["kept"] * 3
 
 
+def test_the_table_of_another_video_is_not_replaced(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    """As of the same camera's video of another day, in a folder of its own."""
+    out = tmp_path / "out"
+    track_all([videos], out)
+    shutil.copytree(videos, tmp_path / "other")
+    (tmp_path / "other" / "a.mp4").write_bytes((videos / "a.mp4").read_bytes() + b"0")
+    before = (out / "a.csv").read_bytes()
+    with pytest.raises(MienError, match=r"a\.csv is the table of .*a\.mp4, by .*; choose another folder with -o"):
+        track_all([tmp_path / "other"], out)
+    assert (out / "a.csv").read_bytes() == before
+    (videos / "a.mp4").unlink()
+    assert _states(track_all([tmp_path / "other"], out)) == ["tracked", "kept", "kept"]
+
+
 def test_a_video_that_can_no_longer_be_read_is_tried_again(
     videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

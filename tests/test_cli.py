@@ -152,6 +152,41 @@ def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Pa
     assert cv2.imread("in.landmarks.png").shape == (480, 640, 3)
 
 
+def test_landmarks_that_were_corrected_are_not_overwritten(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
+) -> None:
+    assert mien("landmarks", video, "--landmarks", marks).status == 0
+    written = tmp_path / "in.landmarks.json"
+    values = json.loads(written.read_text())
+    values["points"][3][0] += 0.5
+    written.write_text(json.dumps(values))
+    refused(["landmarks", video, "--landmarks", marks], "in.landmarks.json exists with other landmarks", "--landmarks")
+    assert json.loads(written.read_text()) == values
+    assert mien("landmarks", video, "--landmarks", written).status == 0
+
+
+@pytest.mark.parametrize(("name", "text"), [("in.csv", "frame,pose_Rx\n0,0.1\n"), ("in.json", '{"focal_px": 500}')])
+def test_what_mien_has_not_written_is_not_overwritten(
+    name: str, text: str, refused: Callable[..., None], mien: Command, video: Path, marks: Path, tmp_path: Path
+) -> None:
+    """Like the truth beside a video, which has its name."""
+    (tmp_path / name).write_text(text)
+    refused(["track", video, "--landmarks", marks], f"{name} exists and is not the track of a video by mien", "-o")
+    assert (tmp_path / name).read_text() == text
+    assert mien("track", video, "--landmarks", marks, "-o", "other.csv", "--end", "0.1").status == 0
+    assert mien("track", video, "--landmarks", marks, "-o", "other.csv", "--end", "0.1").status == 0
+
+
+@pytest.mark.parametrize(("off", "warned"), [(0.0, False), (30.0, True)])
+def test_a_landmark_far_off_is_warned_of(off: float, warned: bool, mien: Command, video: Path, marks: Path) -> None:
+    values = json.loads(marks.read_text())
+    values["points"][61][0] += off  # a corner of the mouth
+    marks.write_text(json.dumps(values))
+    result = mien("track", video, "--landmarks", marks, "-o", "out.csv", "--end", "0.1")
+    assert result.status == 0
+    assert ("fit a face only to" in result.err) == warned
+
+
 def test_landmarks_overwrites_no_camera(
     mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
 ) -> None:

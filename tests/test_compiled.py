@@ -45,3 +45,28 @@ def test_a_kernel_outside_mien_is_compiled_anew_when_it_has_changed(tmp_path: Pa
         command = [sys.executable, "own.py"]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
         assert done.stdout.strip() == printed, done.stderr
+
+
+def test_where_the_disk_is_full_kernels_are_compiled_all_the_same(tmp_path: Path) -> None:
+    code = """
+import errno
+from numba.core.caching import IndexDataCacheFile
+from mien.compiled import kernel
+
+def full(*_):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+IndexDataCacheFile.save = full
+
+@kernel()
+def added(x):
+    return x + 1
+
+print(added(1))
+"""
+    (tmp_path / "own.py").write_text(code)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "own.py"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.stdout.strip() == "2", done.stderr
+    assert "set NUMBA_CACHE_DIR" in done.stderr

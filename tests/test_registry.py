@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ import mien
 from mien.config import PaperSettings, RealtimeSettings, Settings
 from mien.errors import MienError
 from mien.frame import Frame
+from mien.geometry.camera import Camera
+from mien.initialization.landmarks import Landmarks
 from mien.registry import checked, create_tracker, file_of
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Estimate
+from mien.tracking.state import Estimate, Status
 from videos import known_portrait, portrait_images, write_video
 
 
@@ -130,6 +133,29 @@ def test_an_estimate_belongs_to_its_frame() -> None:
     assert checked(estimate, PaperTracker(), frame) is estimate
     with pytest.raises(MienError, match=r"PaperTracker returned the estimate of frame 3 for frame 4"):
         checked(estimate, PaperTracker(), Frame(frame.pixels, 4, 0.16))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"status": "tracked"}, "no mien.Status"),
+        ({"confidence": float("nan")}, "not between 0 and 1"),
+        ({"rotation": np.ones((3, 3))}, "not a rotation matrix"),
+        ({"rotation": [1.0, 0.0, 0.0]}, "not a rotation matrix"),
+    ],
+)
+def test_what_a_tracker_of_ones_own_returns_is_checked(changes: dict[str, Any], message: str) -> None:
+    class Own:
+        def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+            return self.track(frame)
+
+        def track(self, frame: Frame) -> Estimate:
+            return replace(Estimate(frame.index, frame.time, Status.TRACKED, np.eye(3)), **changes)
+
+    frame = Frame(np.zeros((8, 8, 3), np.uint8), 3, 0.12)
+    own = Own()
+    with pytest.raises(MienError, match=f"Own returned for frame 3 .*{message}"):
+        checked(own.track(frame), own, frame)
 
 
 @pytest.mark.parametrize("settings", [PaperSettings, RealtimeSettings])

@@ -133,6 +133,7 @@ def track_all(
             waiting.append(k)
         else:
             found[k] = kept
+    _require_own_tables({found[k][0].table: found[k][0].video for k in waiting}, out / SUMMARY)
     _write(found, out / SUMMARY)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
@@ -321,20 +322,36 @@ def _face_rows(row: Row, track: Track) -> list[Row]:
     return rows
 
 
+def _require_own_tables(found: Mapping[Path, Path], summary: Path) -> None:
+    """Raise MienError if a table is, by the summary of an earlier run, another video's that is still there. found:
+    videos by their tables."""
+    for row in _rows_of(summary):
+        table, video = Path(row.get("table") or ""), Path(row.get("video") or "")
+        own = found.get(table)
+        require(
+            own is None or not video.exists() or real_path(own) == real_path(video),
+            f"{table} is the table of {video}, by {summary}, and {own} would replace it; choose another folder with -o",
+        )
+
+
 def _notes(summary: Path) -> dict[str, str]:
     """The notes in the summary of an earlier run, by video; empty without a summary. The note of a video that had not
     finished then says that its warnings are unknown."""
-    if not summary.is_file():
-        return {}
-    try:
-        with summary.open(**_CSV) as stream:
-            rows = [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
-    except (ValueError, csv.Error):
-        return {}
     return {
         row.get("video") or "": _WARNINGS_UNKNOWN if row.get("state") == PENDING else row.get("note") or ""
-        for row in rows
+        for row in _rows_of(summary)
     }
+
+
+def _rows_of(summary: Path) -> list[dict[str, str]]:
+    """The rows of an earlier summary, one for each video; none without a summary."""
+    if not summary.is_file():
+        return []
+    try:
+        with summary.open(**_CSV) as stream:
+            return [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
+    except (ValueError, csv.Error):
+        return []
 
 
 def _as_written(video: Path) -> str:

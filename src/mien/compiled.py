@@ -59,9 +59,23 @@ def _index_of(compiled: Any) -> Any:
 @cache
 def _warn_without_cache() -> None:
     warn(
-        "no folder for compiled code can be written, so every start takes as long as the first; "
-        "set NUMBA_CACHE_DIR to one that can"
+        "compiled code cannot be written to its folder, so every start takes as long as the first; "
+        "set NUMBA_CACHE_DIR to one that has space and can be written"
     )
+
+
+def _keep_where_possible(compiled: Any) -> None:
+    """Let a kernel that cannot be written to its folder, as on a full disk, be compiled anew at every start."""
+    cache = compiled._cache
+    save = cache.save_overload
+
+    def save_or_warn(*overload: Any) -> None:
+        try:
+            save(*overload)
+        except OSError:
+            _warn_without_cache()
+
+    cache.save_overload = save_or_warn
 
 
 def kernel(**options: Any) -> Callable[[F], F]:
@@ -74,6 +88,7 @@ def kernel(**options: Any) -> Callable[[F], F]:
         except RuntimeError:  # neither the package's folder nor the user's can be written
             _warn_without_cache()
             compiled = numba.njit(**_OPTIONS | options | {"cache": False})(function)
+        _keep_where_possible(compiled)
         index = _index_of(compiled)
         if index is not None:
             index._source_stamp = _source_stamp(), own.read_bytes() if own.is_file() else b""

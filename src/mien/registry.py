@@ -72,14 +72,33 @@ def create_tracker(name: str) -> Tracker:
 def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
     """What a tracker returned for a frame. Raises MienError if it is not the Estimate of that frame; your own tracker
     may be wrong."""
-    if isinstance(returned, Estimate) and returned.index == frame.index:
-        return returned
     cls = type(tracker)
-    what = f"the estimate of frame {returned.index}" if isinstance(returned, Estimate) else type(returned).__name__
-    raise MienError(
-        f"{cls.__module__}:{cls.__qualname__} returned {what} for frame {frame.index}; its initialize and track must "
-        "return a mien.Estimate with the frame's index, or Estimate.lost(frame, reason) if there is no face"
-    )
+    name = f"{cls.__module__}:{cls.__qualname__}"
+    if not (isinstance(returned, Estimate) and returned.index == frame.index):
+        what = f"the estimate of frame {returned.index}" if isinstance(returned, Estimate) else type(returned).__name__
+        raise MienError(
+            f"{name} returned {what} for frame {frame.index}; its initialize and track must "
+            "return a mien.Estimate with the frame's index, or Estimate.lost(frame, reason) if there is no face"
+        )
+    wrong = None if cls.__module__.startswith("mien.") else _fault(returned)
+    require(wrong is None, f"{name} returned for frame {frame.index} {wrong}; see mien.Estimate")
+    return returned
+
+
+def _fault(estimate: Estimate) -> str | None:
+    """What of an estimate is not as `Estimate` says; None if all is."""
+    import numpy as np
+
+    from mien.tracking.state import Status
+
+    if not isinstance(estimate.status, Status):
+        return f"the status {estimate.status!r}, which is no mien.Status"
+    if not 0 <= estimate.confidence <= 1:
+        return f"the confidence {estimate.confidence!r}, which is not between 0 and 1"
+    R = estimate.rotation
+    if R is not None and not (np.shape(R) == (3, 3) and np.allclose(R @ np.transpose(R), np.eye(3), atol=1e-3)):
+        return "something that is not a rotation matrix (3, 3)"
+    return None
 
 
 def file_of(name: str) -> Path | None:

@@ -126,6 +126,10 @@ def test_openface_output_beside_a_tracker(forked: bool, tmp_path: Path) -> None:
     assert not read.track.lost.any()
     assert "no such file" in _result(plan, "openface:openface", "b_wide1").failure
     assert not (plan.out / "timing").exists()
+    alone = replace(plan, trackers=(f"openface:{folder / 'a_uniform1.csv'}",))
+    with pytest.raises(MienError, match="is one file for 2 sequences; give a folder"):
+        run_plan(alone)
+    run_plan(replace(alone, sequences=("a_uniform1",)))
 
 
 def test_what_may_be_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

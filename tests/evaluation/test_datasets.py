@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -244,6 +246,35 @@ def test_frames_that_may_be_counted_from_zero_or_one_are_warned_of(tmp_path: Pat
     np.testing.assert_array_equal(np.isfinite(truth.rotations).all(axis=(1, 2)), np.isin(range(FRAMES), (1, 3)))
 
 
+@pytest.mark.parametrize("rate", [12.5, 25.0, 50.0])
+def test_truth_of_another_frame_rate_is_warned_of(tmp_path: Path, rate: float) -> None:
+    rows = [f"{i},{i / rate},0,0,0" for i in range(FRAMES)]
+    root = _annotate(tmp_path, "frame,timestamp,pose_Rx,pose_Ry,pose_Rz", rows)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        _truth("video", root)
+    told = [str(warning.message) for warning in caught]
+    assert told == [] if rate == 25 else f"has {rate:g} frames a second by its timestamps" in told[0]
+
+
+def test_a_track_of_mien_as_truth_is_warned_of(tmp_path: Path) -> None:
+    rows = [f"{i},{i / 25},1,1,tracked,0,0,0" for i in range(FRAMES)]
+    root = _annotate(tmp_path, "frame,timestamp,confidence,success,status,pose_Rx,pose_Ry,pose_Rz", rows)
+    with pytest.warns(MienWarning, match=r"mine\.csv is a track of mien's own"):
+        _truth("video", root)
+
+
+def test_other_files_beside_an_annotated_video_are_no_videos(tmp_path: Path) -> None:
+    """A folder of images may have a dot in its name."""
+    root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", [f"{i},0,0,0" for i in range(FRAMES)])
+    for name in ("mine.wav", "mine.xlsx", "mine.pts"):
+        (root / name).write_bytes(b"0")
+    (root / "subject.01").mkdir()
+    cv2.imwrite(str(root / "subject.01" / "0.png"), np.zeros((48, 64, 3), np.uint8))
+    (root / "subject.01.csv").write_text("frame,pose_Rx,pose_Ry,pose_Rz\n0,0,0,0\n")
+    assert [sequence.name for sequence in load_dataset("video", root)] == ["mine", "subject.01"]
+
+
 def test_a_video_with_some_frames_annotated(tmp_path: Path) -> None:
     header = "frame," + ",".join(f"x_{i},y_{i}" for i in range(68))
     values = ",".join(f"{x},{y}" for x, y in face68())
@@ -271,6 +302,7 @@ def test_annotations_that_are_refused(tmp_path: Path) -> None:
         (["0,1,0,0,nan"], "the pose in row 1 is not a finite number"),
         (["0,1,0,0,x"], "a cell is not a number"),
         (["9,1,0,0,0"], "frames up to 9"),
+        (["0,1,0,0,0", "1,1,12,0,0"], "an angle is 12, more than a full turn; .* are in radians"),
         (["2,1,0,0,0", "2,1,0,0,0"], "two rows for one frame"),
         ([], "has no rows"),
     ):
@@ -290,7 +322,8 @@ def test_a_row_without_success_is_no_truth(tmp_path: Path) -> None:
 def test_the_first_face_of_several_is_read(tmp_path: Path) -> None:
     file = tmp_path / "two.csv"
     file.write_text("frame,face_id,pose_Rx,pose_Ry,pose_Rz\n1,0,0.1,0,0\n1,1,0.2,0,0\n2,0,0.3,0,0\n")
-    table = read_pose_csv(file)
+    with pytest.warns(MienWarning, match=r"two\.csv has several faces, .* face_id 0"):
+        table = read_pose_csv(file)
     np.testing.assert_array_equal(table.index, [0, 1])
 
 

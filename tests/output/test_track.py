@@ -140,6 +140,29 @@ def test_what_is_not_estimated_has_no_column() -> None:
     assert names[-5:] == ["pose_Rx", "pose_Ry", "pose_Rz", "status", "reason"]
 
 
+def test_what_is_read_of_a_track_cannot_be_changed(track: Track) -> None:
+    """It would no longer agree with the table."""
+    for values in (track.euler_deg, track.time, track.animation, track.landmarks, track.euler_sd_deg):
+        assert values is not None
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
+
+
+def test_estimates_without_the_json_keep_their_landmarks(track: Track) -> None:
+    first = next(replace(track, metadata={}).estimates())
+    assert first.landmarks is not None
+    assert track.landmarks is not None
+    assert first.landmarks.names[0] == "landmark_0"
+    np.testing.assert_allclose(first.landmarks.image, track.landmarks[0])
+
+
+def test_estimates_can_be_compared_and_kept_in_sets() -> None:
+    one, other = estimate(0), estimate(0)
+    assert one == one
+    assert one != other
+    assert len({one, other}) == 2
+
+
 def test_columns_by_property(track: Track) -> None:
     assert len(track) == 4
     assert track.lost == 1

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mien.errors import MienWarning
+from mien.errors import MienError, MienWarning
 from mien.video import FOLDER_FPS, open_video
 from videos import frames_of, gradient
 
@@ -26,6 +26,24 @@ def test_folder_is_read_by_name_whatever_the_images_depth(tmp_path: Path) -> Non
     np.testing.assert_array_equal(frames[1].pixels, image)
     np.testing.assert_array_equal(frames[2].pixels, image)
     np.testing.assert_allclose([f.time for f in frames], np.arange(3) / FOLDER_FPS)
+
+
+def test_what_is_probably_not_meant_as_one_video_is_warned_of(tmp_path: Path) -> None:
+    (tmp_path / "film.mp4").write_bytes(b"0")
+    with pytest.raises(MienError, match=r"holds no images; mien batch .* tracks its videos"):
+        open_video(tmp_path)
+    cv2.imwrite(str(tmp_path / "0.png"), gradient(0))
+    with pytest.warns(MienWarning, match="holds 1 videos beside the 1 images"):
+        open_video(tmp_path)
+    (tmp_path / "film.mp4").unlink()
+    cv2.imwrite(str(tmp_path / "0.jpg"), gradient(0))
+    with pytest.warns(MienWarning, match="same names in several formats"):
+        open_video(tmp_path)
+    for file in tmp_path.iterdir():
+        file.unlink()
+    cv2.imwritemulti(str(tmp_path / "0.tif"), [gradient(0), gradient(1)])
+    with pytest.warns(MienWarning, match=r"0\.tif holds several images"):
+        assert len(list(open_video(tmp_path))) == 1
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])

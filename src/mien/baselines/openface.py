@@ -10,13 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from mien.candide.model import Candide, mm_per_unit
-from mien.errors import require
+from mien.errors import require, warn
 from mien.evaluation.points12 import names_of_scheme
 from mien.evaluation.pose_csv import read_pose_csv
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
+
+_LATE_S = 0.25
+"""Difference in seconds between the times of a row and its frame from which they do not belong together."""
 
 
 class OpenFaceTracker:
@@ -33,6 +36,7 @@ class OpenFaceTracker:
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """The row of the first frame."""
+        self._begun, self._warned = frame, False
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
@@ -43,6 +47,7 @@ class OpenFaceTracker:
         if frame.index not in self._row_of:
             return Estimate.lost(frame, f"{self._table.source.name} has no face in this frame", self._mm_per_unit)
         table, row = self._table, self._row_of[frame.index]
+        self._compare_times(frame, row)
         t = None if table.translation_mm is None else table.translation_mm[row] / self._mm_per_unit
         known = t is not None and bool(np.isfinite(t).all())
         return Estimate(
@@ -57,6 +62,20 @@ class OpenFaceTracker:
             mm_per_unit=self._mm_per_unit,
             closing=self._closing(row),
         )
+
+    def _compare_times(self, frame: Frame, row: int) -> None:
+        """Warn once if a row lies elsewhere in time than its frame, as if it counted other frames than the video's."""
+        first = self._row_of.get(self._begun.index)
+        if self._warned or first is None:
+            return
+        times = self._table.time
+        stated, passed = float(times[row] - times[first]), frame.time - self._begun.time
+        if abs(stated - passed) > max(_LATE_S, 0.1 * passed):  # never of NaN
+            self._warned = True
+            warn(
+                f"{self._table.source}: the row of frame {frame.index} lies {stated:.2f} s after the first, and the "
+                f"frame {passed:.2f} s; it seems to be of a video with another frame rate"
+            )
 
     def _closing(self, row: int) -> Closing | None:
         if self._table.eyes_closed is None:

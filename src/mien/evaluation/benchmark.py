@@ -58,6 +58,7 @@ def run_plan(
     _checksum.cache_clear()
     sequences = _select(load_dataset(plan.dataset, plan.root), plan.sequences)
     _require_same_dataset(plan)
+    _require_own_files(plan, sequences)
     require_writable(plan.out / "evaluation.json")
     evaluation = Evaluation(
         plan.dataset,
@@ -89,6 +90,17 @@ def run_plan(
     for job, reason in timed([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1):
         warn(f"{job.label} on {job.sequence} was not timed: {reason}")
     return evaluation
+
+
+def _require_own_files(plan: Plan, sequences: Sequence[DataSequence]) -> None:
+    """Raise MienError if a single file is to be replayed for several sequences."""
+    for tracker in plan.trackers:
+        file = file_of(tracker)
+        require(
+            not replays(tracker) or file is None or file.is_dir() or len(sequences) == 1,
+            f"{tracker} is one file for {len(sequences)} sequences; give a folder with one for each, named after it, "
+            "or one of the --sequences",
+        )
 
 
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:

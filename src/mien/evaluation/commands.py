@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mien.errors import MienError
+from mien.errors import MienError, warn
 from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, run_plan
 from mien.evaluation.plan import Plan, is_tracker, split_names
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
@@ -41,8 +41,12 @@ def evaluate(
     """
     names = _tracker_names(trackers)
     plan = Plan(dataset, path, out, names, protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed)
-    with progress_bar("reading the data set", quiet) as progress:
-        run_plan(plan, jobs, time_limit, progress, forked)
+    try:
+        with progress_bar("reading the data set", quiet) as progress:
+            run_plan(plan, jobs, time_limit, progress, forked)
+    except KeyboardInterrupt:
+        warn(f"stopped; what is done is in {out}; run the same command again to continue")
+        raise
     scores = load_scores(out)
     written = write_report(scores, out, "html")
     if not quiet:

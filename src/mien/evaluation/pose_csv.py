@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
 from mien.csv_files import csv_rows
-from mien.errors import MienError, require
+from mien.errors import MienError, require, warn
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import SCHEME_OF_COUNT
 from mien.output.columns import ROTATION, TRANSLATION
 
+_LARGEST_RAD = 2 * math.pi + 1e-6
 _CLOSING = ("eyes_closed", "eyes_closed_sd")
 _TIME_SD, _CLOSE = 7e-4, 0.25
 """Error of a time in seconds, as most are rounded to milliseconds, and the error in frames with which the times still
@@ -38,7 +39,8 @@ class PoseTable:
     frame: (n,) as numbered in the file, or the row number if it has no numbers (numbered is False); first: number of
     the video's first frame, 0 as in mien's files or 1 as in OpenFace's, None if the file does not say; rotation:
     (n, 3, 3) head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6); eyes_closed:
-    (n, 2) eye closure and its standard deviation, each NaN if unknown.
+    (n, 2) eye closure and its standard deviation, each NaN if unknown; time: (n,) seconds, NaN if unknown; rate: frames
+    per second by the times, None without; by_mien: whether mien has written the file.
     """
 
     source: Path
@@ -47,11 +49,14 @@ class PoseTable:
     first: int | None
     tracked: Mask
     confidence: Array
+    time: Array
     rotation: Array | None = None
     translation_mm: Array | None = None
     landmarks: Array | None = None
     animation: Array | None = None
     eyes_closed: Array | None = None
+    rate: float | None = None
+    by_mien: bool = False
 
     @property
     def index(self) -> NDArray[np.intp]:
@@ -82,6 +87,11 @@ def read_pose_csv(path: Path) -> PoseTable:
     frame = frame if numbered else np.arange(len(rows), dtype=float)
     require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
     angles = _columns(path, rows, ROTATION) if has_pose else None
+    largest = 0.0 if angles is None else float(np.abs(np.nan_to_num(angles)).max())
+    require(
+        largest <= _LARGEST_RAD,
+        f"{path}: an angle is {largest:.4g}, more than a full turn; pose_Rx, pose_Ry, pose_Rz are in radians",
+    )
     points = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     landmarks = _columns(path, rows, points) if count in SCHEME_OF_COUNT else None
     for what, values in (("the pose", angles), ("a landmark", landmarks)):
@@ -91,32 +101,39 @@ def read_pose_csv(path: Path) -> PoseTable:
             f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
             "correct it, or delete the row",
         )
-    from_zero = bool((frame == 0).any()) or "status" in names
+    by_mien = "status" in names
+    from_zero = bool((frame == 0).any()) or by_mien
+    time = _column(path, rows, "timestamp", np.nan)
+    rate, first = _rate_and_first(frame, time)
     return PoseTable(
         path,
         frame.astype(np.intp),
         numbered,
-        0 if from_zero else _first_by_time(frame, _column(path, rows, "timestamp", np.nan)),
+        0 if from_zero else first,
         tracked,
         np.nan_to_num(_column(path, rows, "confidence", 1.0)),
+        time,
         None if angles is None else _rotations(angles),
         _columns(path, rows, TRANSLATION) if set(TRANSLATION) <= set(names) else None,
         None if landmarks is None else landmarks.reshape(len(rows), count, 2),
         _columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
         np.stack([_column(path, rows, n, np.nan) for n in _CLOSING], axis=1) if _CLOSING[0] in names else None,
+        rate,
+        by_mien,
     )
 
 
-def _first_by_time(frame: Array, time: Array) -> int | None:
-    """The number of the frame at time zero, 0 or 1, by the times (n,) of the frames (n,) in seconds; None if they do
-    not say."""
+def _rate_and_first(frame: Array, time: Array) -> tuple[float | None, int | None]:
+    """Frames per second, and the number of the frame at time zero, 0 or 1, by the times (n,) of the frames (n,) in
+    seconds; None if they do not say."""
     frame, time = frame[np.isfinite(time)], time[np.isfinite(time)]
     if len(set(time.tolist())) < 2 or len(set(frame.tolist())) < 2:
-        return None
+        return None, None
     (rate, at_zero), covariance = np.polyfit(time, frame, 1, cov="unscaled")
     sd = _TIME_SD * abs(rate) * math.sqrt(covariance[1, 1])
     nearest = round(float(at_zero))
-    return nearest if nearest in (0, 1) and max(abs(at_zero - nearest), 3 * sd) < _CLOSE else None
+    first = nearest if nearest in (0, 1) and max(abs(at_zero - nearest), 3 * sd) < _CLOSE else None
+    return float(rate), first
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -127,6 +144,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
         raise MienError(f"{path} is not a readable CSV ({e}); write the file again") from e
     require(bool(rows), f"{path} has no rows; it needs one for every frame")
     faces = [row.get("face_id", "0") for row in rows]
+    if len(set(faces)) > 1:
+        warn(f"{path} has several faces, of which the one of its first row is read, face_id {faces[0].strip()}")
     return [row for row, face in zip(rows, faces, strict=True) if face == faces[0]]
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from mien.errors import require, warn
 from mien.files import real_path, require_ending, require_writable
-from mien.output.track import PLOT_ENDINGS, Track, track_paths
+from mien.output.track import PLOT_ENDINGS, Track, is_table_of_track, track_paths
 from mien.video import refuse_among_images
 
 OVERLAY_ENDINGS = (".mp4",)
@@ -52,6 +54,8 @@ class Destination:
                 refuse_among_images(path, file)
             taken.add(real_path(path))
             require_writable(path)
+        if self.table is not None:
+            _require_own(self.table)
 
     def of_face(self, face_id: int) -> Destination:
         """The output of a further face: NAME.face1.csv and its plot; the overlay of the first face shows it too."""
@@ -79,3 +83,22 @@ class Destination:
             track.save(self.table)
         if self.plot is not None:
             track.plot(self.plot)
+
+
+def _require_own(table: Path) -> None:
+    """Raise MienError if NAME.csv or NAME.json exists and is not of a track, like the annotation of a video or the
+    table of another tool: those of an earlier track are replaced."""
+    csv, settings, _ = track_paths(table)
+    for path, is_own in ((csv, is_table_of_track), (settings, _is_of_track)):
+        require(
+            not path.exists() or is_own(path),
+            f"{path} exists and is not the track of a video by mien; choose another name with -o, or move it away",
+        )
+
+
+def _is_of_track(path: Path) -> bool:
+    """Whether a file is the NAME.json of a track."""
+    with suppress(OSError, ValueError):
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        return isinstance(content, dict) and "mien" in content
+    return False

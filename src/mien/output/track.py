@@ -118,13 +118,13 @@ class Track:
         Positive pitch nods down, positive yaw turns to the left of the image, positive roll tilts clockwise in it.
         """
         known = self._matrix(ROTATION)
-        return np.full((len(self), 3), np.nan) if known is None else np.degrees(known)
+        return _fixed(np.full((len(self), 3), np.nan) if known is None else np.degrees(known))
 
     @cached_property
     def euler_sd_deg(self) -> Array | None:
         """(n, 3) standard deviations of `euler_deg`, None if they are not estimated."""
         sd = self._matrix(ROTATION_SD)
-        return None if sd is None else np.degrees(sd)
+        return None if sd is None else _fixed(np.degrees(sd))
 
     @cached_property
     def translation_mm(self) -> Array | None:
@@ -157,7 +157,7 @@ class Track:
         names = set(self.table.column_names)
         count = next(i for i in itertools.count() if f"x_{i}" not in names)
         x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
-        return None if x is None or y is None else np.stack([x, y], axis=-1)
+        return None if x is None or y is None else _fixed(np.stack([x, y], axis=-1))
 
     def mesh(self, row: int) -> Array | None:
         """Vertices (V, 3) of the face in a row, millimetres in camera axes, with its expression and its lids;
@@ -197,6 +197,8 @@ class Track:
     def estimates(self) -> Iterator[Estimate]:
         """The estimate of every frame as stored in the table: rounded, and without covariance."""
         names = tuple(self.metadata.get("landmark_names", ()))
+        if not names and self.landmarks is not None:  # without its JSON
+            names = tuple(f"landmark_{i}" for i in range(self.landmarks.shape[1]))
         mm_per_unit = float(self.metadata.get("mm_per_unit", 1.0))
         for batch in self.table.to_batches(max_chunksize=BATCH):
             for row in batch.to_pylist():
@@ -265,7 +267,7 @@ class Track:
 
     def _numbers(self, name: str) -> Array:
         column = self.table.column(name).combine_chunks()
-        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
+        return _fixed(np.array(column.to_numpy(zero_copy_only=False), dtype=float))
 
     def _vector(self, name: str) -> Array | None:
         return self._numbers(name) if name in self.table.column_names else None
@@ -273,7 +275,7 @@ class Track:
     def _matrix(self, names: Sequence[str]) -> Array | None:
         if not names or not set(names) <= set(self.table.column_names):
             return None
-        return np.stack([self._numbers(n) for n in names], axis=-1)
+        return _fixed(np.stack([self._numbers(n) for n in names], axis=-1))
 
     def _write_csv(self, path: Path) -> None:
         from pyarrow import compute, csv
@@ -364,6 +366,21 @@ class Recorder:
                     stream.write_table(table)
                 self._file.flush()
             self._buffer.clear()
+
+
+def _fixed(values: Array) -> Array:
+    """The array, which can no longer be written to: the properties of a track are views of its table."""
+    values.setflags(write=False)
+    return values
+
+
+def is_table_of_track(path: Path) -> bool:
+    """Whether a CSV has the columns that every table of mien has."""
+    try:
+        with opened_csv(path) as file:
+            return {name.strip() for name in next(reader(file), [])} >= _IN_EVERY_ROW
+    except (OSError, ValueError, CSVError):
+        return False
 
 
 def track_paths(path: str | Path) -> tuple[Path, Path, Path]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from mien.candide.model import Candide
-from mien.errors import require
+from mien.errors import MienError, require
 from mien.files import real_path, require_ending, require_writable
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
-from mien.initialization.landmark_files import write_landmarks
+from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks, Point
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
@@ -50,7 +53,23 @@ def write_first_frame(
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
+    _require_no_corrections(Path(output), begin.landmarks, landmarks)
     write_landmarks(output, begin.landmarks)
     graphics = begin.landmarks.graphics
     save_png(Path(plot), draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points, graphics))
     return fit
+
+
+def _require_no_corrections(output: Path, found: Landmarks, given: object) -> None:
+    """Raise MienError if a file has other landmarks than were found, perhaps corrected by hand, and was not given."""
+    same = isinstance(given, (str, Path)) and real_path(Path(given)) == real_path(output)
+    if same or not output.exists():
+        return
+    with suppress(MienError):
+        before = read_landmarks(output, found.frame_index, found.time)
+        same = before.points.shape == found.points.shape and bool(np.allclose(before.points, found.points, atol=1e-3))
+    require(
+        same,
+        f"{output} exists with other landmarks, which may have been corrected; pass it with --landmarks, choose "
+        "another name with -o, or delete it",
+    )

@@ -13,6 +13,7 @@ import numpy as np
 from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point, is_same_place, place_of
 from mien.start.footage import Footage
@@ -22,6 +23,10 @@ from mien.video import Video
 
 CONFIDENT = 0.5
 """Confidence above which a track has the face that it began with."""
+
+_ROUGH = 0.03
+"""Root mean square distance of landmarks from the fitted face, in sizes of the face, from which one is probably wrong:
+of detected ones it is 0.008 at most, with one corner of the mouth a quarter of the face off 0.04."""
 
 
 @dataclass(frozen=True)
@@ -159,10 +164,21 @@ def _begin_with_landmarks(
         earliest = opening.earliest
         landmarks = read_landmarks(landmarks, earliest.index, earliest.time, (earliest.width, earliest.height))
     first, skipped, later = _frame_of(landmarks, opening.frames, opening.footage.video)
+    _check_fit(landmarks, opening.camera)
     passed = [] if opening.footage.repeatable else skipped
     for estimate in passed:
         report(estimate)
     return replace(opening, frames=later).start(first, landmarks, passed)
+
+
+def _check_fit(landmarks: Landmarks, camera: Camera) -> None:
+    """Warn if landmarks fit a face only roughly. Raises MienError if they do not at all."""
+    residual = fit_first_frame(landmarks, camera).residual_px
+    if residual > _ROUGH * landmarks.size:
+        warn(
+            f"{landmarks.source}: the landmarks fit a face only to {residual:.1f} pixels; one of them may be wrong: "
+            "mien landmarks with --landmarks draws them with the fitted mesh"
+        )
 
 
 def _as_point(face: Point) -> Point:

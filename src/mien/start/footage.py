@@ -110,6 +110,9 @@ def check_options(options: FootageOptions) -> None:
         value = getattr(options, name)
         number = value is None or (isinstance(value, Real) and math.isfinite(value))
         require(number, f"{name} is {value!r}; give a number, or omit it")
+    focal, fov = options.focal_px, options.fov_deg
+    require(focal is None or focal > 0, f"the focal length must be positive, not {focal} pixels")
+    require(fov is None or 0 < fov < 180, f"the field of view is {fov} degrees; give an angle between 0 and 180")
     check_interval(options.start, options.end)
     given = [v for v in (options.camera, options.focal_px, options.fov_deg) if v is not None]
     require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")

@@ -36,7 +36,7 @@ class Status(str, Enum):
         return self is not Status.LOST
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TrackedLandmarks:
     """Landmarks of one frame: n names, (n, 2) pixels, (n, 3) CANDIDE units in camera axes.
 
@@ -60,9 +60,9 @@ class Closing:
     sd: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
-    """What a tracker knows after one frame. A lost face has status LOST and no rotation.
+    """What a tracker knows after one frame. A lost face has status LOST and no rotation. None is equal to another.
 
     rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
     of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that

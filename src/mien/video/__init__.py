@@ -7,7 +7,7 @@ to fit it, with black borders and a warning. Frames are decoded one at a time.
 The rest of mien imports these names from here, whichever file they are in.
 """
 
-from mien.video.file import VIDEO_SUFFIXES
+from mien.video.container import VIDEO_SUFFIXES
 from mien.video.folder import FOLDER_FPS, IMAGE_SUFFIXES, list_images, refuse_among_images
 from mien.video.scaling import warn_of_another_size
 from mien.video.selection import backwards, check_interval, decode_frame, expected_count, select

@@ -11,6 +11,12 @@ from typing import Any
 from mien.errors import MienError
 from mien.files import reason_of
 
+VIDEO_SUFFIXES = (
+    ".3gp", ".asf", ".avi", ".dv", ".flv", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf",
+    ".ogv", ".ts", ".vob", ".webm", ".wmv",
+)  # fmt: skip
+"""What counts as a video when a folder is searched; a file given by name may have any suffix."""
+
 
 def open_container(path: Path) -> Any:
     """The container of a file with a video stream. Raises MienError for any other file."""

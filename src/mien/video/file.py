@@ -15,11 +15,6 @@ from mien.video.container import decoded_images, open_container, shown_stream
 from mien.video.folder import FOLDER_FPS
 from mien.video.scaling import same_size
 
-VIDEO_SUFFIXES = (
-    ".3gp", ".asf", ".avi", ".dv", ".flv", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf",
-    ".ogv", ".ts", ".vob", ".webm", ".wmv",
-)  # fmt: skip
-"""What counts as a video when a folder is searched; a file given by name may have any suffix."""
 _MAXIMUM_ASPECT = 4.0
 """Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
 

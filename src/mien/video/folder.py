@@ -18,9 +18,12 @@ from mien.arrays import Pixels
 from mien.errors import require, warn
 from mien.files import real_path
 from mien.frame import Frame
+from mien.video.container import VIDEO_SUFFIXES
 from mien.video.scaling import same_size
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
+_PAGED = (".tif", ".tiff", ".webp")
+"""Endings of files that may hold several images."""
 _SAMPLED_IMAGES = 16
 """Number of images that are looked at to find out how many bits a folder of 16-bit images uses."""
 FOLDER_FPS = 25.0
@@ -71,7 +74,17 @@ class ImageFolder:
 def open_folder(path: Path) -> ImageFolder:
     """A folder of images as a video. Raises MienError if it holds none."""
     images = list_images(path)
-    require(bool(images), f"{path} holds no images; mien reads {', '.join(IMAGE_SUFFIXES)}")
+    videos = sum(1 for file in path.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file())
+    batch = f"mien batch {path} tracks its videos"
+    remedy = batch if videos else f"mien reads {', '.join(IMAGE_SUFFIXES)}"
+    require(bool(images), f"{path} holds no images; {remedy}")
+    if videos:
+        warn(f"{path} holds {videos} videos beside the {len(images)} images that are read as one; {batch}")
+    stems = {file.stem for file in images}
+    if len(stems) <= len(images) // 2:
+        warn(f"{path} holds images of the same names in several formats; each is read as a frame of its own")
+    if images[0].suffix.lower() in _PAGED and cv2.imcount(str(images[0])) > 1:
+        warn(f"{images[0]} holds several images, of which the first is read, as of others like it")
     return ImageFolder(path, tuple(images))
 
 

@@ -18,21 +18,43 @@ from mien.arrays import Array
 from mien.errors import require, warn
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
 from mien.evaluation.pose_csv import PoseTable, read_pose_csv
+from mien.video import VIDEO_SUFFIXES, open_video
 
-NOT_VIDEO = (".csv", ".json", ".parquet", ".txt", ".png", ".jpg")
+_OTHER_RATE = 0.1
+"""Relative difference of frame rates from which they are not the same."""
 
 
 def load(path: Path) -> tuple[Sequence, ...]:
     """Load every video that has a CSV of the same name beside it."""
     candidates = sorted(path.iterdir()) if path.is_dir() else [path]
-    videos = [p for p in candidates if p.suffix.lower() not in NOT_VIDEO and p.with_suffix(".csv").is_file()]
-    require(bool(videos), f"{path} contains no annotated video; it needs a video with a CSV of the same name beside it")
-    return tuple(_sequence(video, video.with_suffix(".csv")) for video in videos)
+    known = [p for p in candidates if p.is_dir() or p.suffix.lower() in VIDEO_SUFFIXES or p == path]
+    pairs = [(p, p.with_name(f"{_name(p)}.csv")) for p in known]
+    annotated = [(video, truth) for video, truth in pairs if truth.is_file() and truth != video]
+    require(
+        bool(annotated),
+        f"{path} contains no annotated video; it needs a video ({', '.join(VIDEO_SUFFIXES)}) or a folder of "
+        "images with a CSV of the same name beside it",
+    )
+    return tuple(_sequence(video, truth) for video, truth in annotated)
 
 
-def read_truth(path: Path, frames: int) -> Truth:
-    """Read the truth of a video with this number of frames. Raises MienError if the rows do not match."""
+def _name(video: Path) -> str:
+    """The name of a file without its suffix, or of a folder, which has none."""
+    return video.name if video.is_dir() else video.stem
+
+
+def read_truth(path: Path, frames: int, video: Path | None = None) -> Truth:
+    """Read the truth of a video with this number of frames. Raises MienError if the rows do not match; warns if their
+    times do not, or if they are a track of mien's."""
     table = read_pose_csv(path)
+    if table.by_mien:
+        warn(f"{path} is a track of mien's own: what is reported as errors are differences from that")
+    fps = None if video is None or table.rate is None else open_video(video).fps
+    if fps is not None and table.rate is not None and abs(table.rate / fps - 1) > _OTHER_RATE:
+        warn(
+            f"{path} has {table.rate:.4g} frames a second by its timestamps and {video} {fps:.4g}; if `frame` does not "
+            "count the frames of the video, the errors are of other frames"
+        )
     first = _first_frame(table, frames)
     index = table.frame - first
     require(
@@ -69,4 +91,4 @@ def _first_frame(table: PoseTable, frames: int) -> int:
 
 
 def _sequence(video: Path, truth: Path) -> Sequence:
-    return Sequence(video.stem, "video", video, (truth,), partial(read_truth, truth))
+    return Sequence(_name(video), "video", video, (truth,), partial(read_truth, truth, video=video))
