@@ -159,7 +159,7 @@ def track(
     focal: Focal = None,
     fov: Fov = None,
     overlay: Annotated[Path | None, typer.Option(help="Video with mesh, landmarks and axes: .mp4.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png, .pdf or .svg.")] = None,
     show: Annotated[
         bool, typer.Option("--show", help="Show the overlay in a window while tracking; Esc stops.")
     ] = False,
