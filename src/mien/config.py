@@ -196,6 +196,7 @@ class RealtimeSettings(Settings):
     depth_sd: float = Field(0.08, gt=0, description="standard deviation of a landmark's depth, CANDIDE units")
     depth_length: float = Field(0.5, gt=0, description="correlation length of the depth errors, CANDIDE units")
     slope_sd: float = Field(0.1, ge=0, description="depth error from the slope of the surface, per unit of its tangent")
+    lean_sd: float = Field(0.1, ge=0, description="slope of a depth error that grows from chin to forehead")
     eyes_sd: float = Field(0.13, ge=0, description="common depth error of eyes and brows: eye sockets, glasses")
     lateral_sd: float = Field(
         0.005, gt=0, description="standard deviation of a landmark across the first frame's ray, CANDIDE units"

@@ -142,8 +142,8 @@ def prior_covariance(
     """(3n, 3n): what the first frame leaves open, which is much along its rays and little across them.
 
     Depths err together where landmarks are near or mirror each other, and more on steep surfaces; the relief of the
-    whole face may be too deep or too flat; and eyes and brows may lie deeper than expected, or spectacles stand off
-    before them.
+    whole face may be too deep or too flat, or lean forwards or back; and eyes and brows may lie deeper than expected,
+    or spectacles stand off before them.
     """
     n = len(neutral)
     rays, relief = _rays(neutral, R, t), _relief(neutral)
@@ -154,6 +154,8 @@ def prior_covariance(
     near, opposite = (proximity(neutral, other, settings.depth_length) for other in (neutral, mirrored))
     together = 0.55 * near + 0.2 * opposite + 0.25 * np.eye(n)
     depth = together * np.outer(sd, sd) + settings.relief_sd**2 * np.outer(relief, relief)
+    height = neutral[:, 1] - neutral[:, 1].mean()
+    depth += settings.lean_sd**2 * np.outer(height, height)
     depth += settings.eyes_sd**2 * np.outer(eyes, eyes)
     across = settings.lateral_sd**2 * np.einsum("ij,kl->ikjl", np.eye(n), np.eye(3))
     along = np.einsum("ij,ik,jl->ikjl", depth, rays, rays)
