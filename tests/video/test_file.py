@@ -141,3 +141,13 @@ def test_memory_does_not_grow_with_the_length(tmp_path: Path) -> None:
         return highest
 
     assert peak(200) < peak(20) + 2 * 160 * 120 * 3
+
+
+@pytest.mark.parametrize(("step_ms", "fps"), [(40, 25.0), (2, 500.0)])
+def test_the_rate_of_a_clock_is_no_frame_rate(tmp_path: Path, step_ms: int, fps: float) -> None:
+    """Browsers record so; cameras for slow motion may be as fast as they say."""
+    times = [step_ms * k for k in range(30)]
+    file = write_video(tmp_path / "recorded.mkv", [gradient(k) for k in range(30)], times_ms=times, fps=1000)
+    video = open_video(file)
+    assert video.fps == pytest.approx(fps)
+    assert [frame.time for frame in frames_of(file)] == pytest.approx([t / 1000 for t in times])

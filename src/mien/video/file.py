@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 from mien.errors import require, warn
 from mien.frame import Decoded, Display, Frame
@@ -17,6 +19,9 @@ from mien.video.scaling import same_size
 
 _MAXIMUM_ASPECT = 4.0
 """Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
+_FASTEST, _FIRST_PACKETS = 250.0, 64
+"""Frames per second up to which a header is believed, as what browsers record states a clock's 1000; and the number of
+packets that are looked at otherwise."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def open_file(path: Path) -> VideoFile:
     """A video file with what its header states. Raises MienError if it is not a video."""
     with open_container(path) as container:
         stream = shown_stream(container)
-        fps = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
+        fps = _rate(container, stream)
         begin = stream.start_time * stream.time_base if stream.start_time else 0.0
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
@@ -121,3 +126,14 @@ def open_file(path: Path) -> VideoFile:
         aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
         return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump)
+
+
+def _rate(container: Any, stream: Any) -> float:
+    """Frames per second as the header states them; if they are too many to be believed, as the first frames show."""
+    stated = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
+    if stated <= _FASTEST:
+        return stated
+    packets = itertools.islice(container.demux(stream), _FIRST_PACKETS)
+    times = sorted(float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None)
+    steps = [later - before for before, later in itertools.pairwise(times) if later > before]
+    return 1 / median(steps) if steps else stated
