@@ -213,6 +213,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "no temples among the anchors": lambda: Tracking(WITHOUT_TEMPLES),
     "temples trusted as the other anchors": _set(temple_sd=0.05),
     "depth as certain on a slope as elsewhere": _set(slope_sd=0),
+    "depths that lean no more than they err": _set(lean_sd=0),
     "outer brows raised alone": HalfBrows,
     "rest of the animation a Gaussian": _set(
         rest_firmness=0, rest_mouth_firmness=0, rest_jaw_firmness=0, rest_animation=0.4, rest_mouth=0.5
