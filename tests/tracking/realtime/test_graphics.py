@@ -50,6 +50,12 @@ def test_a_face_is_followed_behind_graphics_that_are_known() -> None:
     assert len(visible) == len(estimates)
     assert visible[0][BROWS].max() == 0
     assert visible[0][LANDMARK_NAMES.index("nose_tip")] > 0.5
+    free, _ = _track(sequence(), None)
+    turned = int(np.argmax([np.linalg.norm(e.euler) for e in free if e.euler is not None]))
+    behind, seen = estimates[turned].euler_sd, free[turned].euler_sd
+    assert behind is not None
+    assert seen is not None
+    assert (behind[:2] > 1.5 * seen[:2]).all()  # tilt and pan
 
 
 def test_graphics_of_another_video_are_refused() -> None:

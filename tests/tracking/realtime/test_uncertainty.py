@@ -18,6 +18,7 @@ from mien.tracking.realtime.uncertainty import (
     AXES_SCALE,
     FAR_COSINE,
     FAR_SCALE,
+    GRAPHICS_SCALE,
     MISFIT_DISTANCE,
     NOISE_SCALE,
     RELIEF_SCALE,
@@ -95,6 +96,15 @@ def test_systematic_covariance_by_hand() -> None:
     rolled = systematic_covariance(rotation(0, 0, 0.5), FIRST, RELIEF_SD)
     assert np.trace(rolled) == pytest.approx(apart * (SCALED_AXES[:2] ** 2).sum())
     np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
+
+
+def test_what_graphics_cover_in_the_first_frame_makes_turns_less_certain() -> None:
+    R, no_axes = exp(np.array([0.0, 0.4, 0.0])) @ FACING, np.zeros(3)
+    clear, covered = (Reference(FACING, AHEAD, no_axes, share) for share in (0.0, 0.6))
+    assert systematic_covariance(R, clear, 0.0)[1, 1] == 0
+    sd = np.sqrt(systematic_covariance(R, covered, 0.0)[1, 1])
+    assert sd == pytest.approx(GRAPHICS_SCALE * 0.6 * np.sin(0.4))
+    np.testing.assert_allclose(systematic_covariance(FACING, covered, 0.0), 0, atol=1e-12)
 
 
 def test_beyond_fifty_degrees_the_turn_is_less_certain_by_its_cosine() -> None:

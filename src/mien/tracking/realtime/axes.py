@@ -36,10 +36,18 @@ class HeadAxes:
     head that was reported for it; turn: (3, 3) from the axes of the model to those of the head.
     """
 
-    def __init__(self, fit: FirstFrame, R: Array, t: Array, shape: ShapePosterior, settings: RealtimeSettings) -> None:
-        """R, t: pose of the model in the first frame."""
+    def __init__(
+        self,
+        fit: FirstFrame,
+        R: Array,
+        t: Array,
+        shape: ShapePosterior,
+        settings: RealtimeSettings,
+        covered: float = 0.0,
+    ) -> None:
+        """R, t: pose of the model in the first frame; covered: share of the landmarks that graphics cover there."""
         self.fit = fit
-        self.first = Reference(R, t / np.linalg.norm(t), fit.axes_sd)
+        self.first = Reference(R, t / np.linalg.norm(t), fit.axes_sd, covered)
         self.reported = R
         self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
         self.turn = np.eye(3)

@@ -111,7 +111,8 @@ class RealtimeTracker:
         self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         self.lost_frames = self.strange_frames = self.doubted_frames = self.strange_mouth_frames = 0
         settled = self._refine_first_pose(frame)
-        self.axes = HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, s)
+        covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
+        self.axes = HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, s, covered)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = familiarity(settled.distinctive_d2, self.pose.R, self.axes.first.R)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)

@@ -39,6 +39,9 @@ LEARNED_SCALE = 0.1
 FAR_SCALE, FAR_COSINE = 0.9, math.cos(math.radians(50.0))
 """The same for a face that has turned further than 50 degrees, of which the first frame shows hardly anything: as a
 factor of how far the cosine of the turn is below that of 50 degrees. Fitted to modelled people."""
+GRAPHICS_SCALE = 0.35
+"""The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
+are covered there. Fitted to rendered heads behind graphics."""
 AXES_SCALE = np.array([1.2, 0.85, 2.0])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll. Part of this error is not the axes':
 what is wrong with the features of a face that turns far grows likewise, and rolls it more than the axes do."""
@@ -71,11 +74,12 @@ rotation is, beyond what the covariance says."""
 class Reference:
     """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to
     the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
-    roll."""
+    roll; covered: share of the landmarks that graphics cover there."""
 
     R: Array
     ray: Array
     axes_sd: Array
+    covered: float = 0.0
 
     @cached_property
     def scaled_axes_sd(self) -> Array:
@@ -142,11 +146,12 @@ def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
     head's axes. A relief that is too deep along the first frame's ray turns too little, by a share with standard
     deviation relief_sd, about the axis of the turn out of that frame's image plane. So does a face of which that frame
-    shows one side only, one that has turned far, and one whose appearance was, by a share `learned`, learned where the
-    tracker believed it to be in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first
-    frame has first.R d."""
+    shows one side only or a part, one that has turned far, and one whose appearance was, by a share `learned`, learned
+    where the tracker believed it to be in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which
+    the first frame has first.R d."""
     far = FAR_SCALE * max(FAR_COSINE - turn_cosine(R, first.R), 0.0)
-    share = math.hypot(RELIEF_SCALE * relief_sd, TURNED_SCALE * first.obliqueness, LEARNED_SCALE * learned, far)
+    shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
+    share = math.hypot(RELIEF_SCALE * relief_sd, shown, LEARNED_SCALE * learned, far)
     covariance: Array = _of_relief_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
     return covariance
 
