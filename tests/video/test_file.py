@@ -151,3 +151,14 @@ def test_the_rate_of_a_clock_is_no_frame_rate(tmp_path: Path, step_ms: int, fps:
     video = open_video(file)
     assert video.fps == pytest.approx(fps)
     assert [frame.time for frame in frames_of(file)] == pytest.approx([t / 1000 for t in times])
+
+
+def test_frames_missing_from_the_middle_are_told_where_nothing_else_tells(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole.ts", tmp_path / "cut.ts"
+    write_video(whole, [gradient(i) for i in range(60)], codec="mpeg2video", pix_fmt="yuv420p")
+    packets = whole.read_bytes()
+    third = len(packets) // 188 // 3 * 188
+    cut.write_bytes(packets[:third] + packets[2 * third :])
+    assert len(frames_of(whole)) == 60
+    with pytest.warns(MienWarning, match=r"cut\.ts: 0\.\d+ s of it have no frames, the first after 0\.\d+ s"):
+        assert len(list(open_video(cut))) < 50

@@ -20,6 +20,7 @@ class Clock:
         self.name, self.until = name, begin
         self.time = -math.inf
         self.offset = 0.0  # added to what is stated after a jump back
+        self.missing, self.missing_from = 0.0, math.nan  # seconds without a frame, and where the first of them are
 
     def time_of(self, stated: float | None, duration: float) -> float:
         """The time in seconds of the next frame. stated: None, or not finite, if it is not; duration: seconds."""
@@ -28,6 +29,9 @@ class Clock:
             if self.offset == 0:
                 warn(f"{self.name}: time jumps back from {self.time:.2f} to {stamp:.2f} s; later times are shifted")
             self.offset += self.until - stamp
+        if math.isfinite(self.time) and stamp - self.until > 0.5 * duration:
+            self.missing_from = self.missing_from if self.missing else self.until
+            self.missing += stamp - self.until
         self.time = stamp if stamp > self.time else self.until
         self.until = self.time + duration
         return self.time

@@ -19,6 +19,9 @@ from mien.video.scaling import same_size
 
 _MAXIMUM_ASPECT = 4.0
 """Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
+_MISSING_S = 0.2
+"""Seconds without frames from which they are warned of in formats that state no number of frames, where those that are
+damaged leave no other trace."""
 _FASTEST, _FIRST_PACKETS = 250.0, 64
 """Frames per second up to which a header is believed, as what browsers record states a clock's 1000; and the number of
 packets that are looked at otherwise."""
@@ -100,6 +103,9 @@ class VideoFile:
         if damaged or self._ends_early(count, clock.until):
             of = f" of {self.declared}" if self.declared else ""
             warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {clock.time:.2f} s")
+        elif self.may_jump and clock.missing > _MISSING_S:
+            where = f"the first after {clock.missing_from:.2f} s"
+            warn(f"{self.path}: {clock.missing:.2f} s of it have no frames, {where}; it may be damaged, or cut")
 
     def _ends_early(self, count: int, until: float) -> bool:
         """Whether frames are missing after `until`; without a stated count, the duration may be that of the audio."""
