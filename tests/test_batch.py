@@ -326,7 +326,7 @@ def test_the_table_of_another_video_is_not_replaced(videos: Path, code: dict[str
     with pytest.raises(MienError, match=r"a\.csv is the table of .*a\.mp4, by .*; choose another folder with -o"):
         track_all([tmp_path / "other"], out)
     assert (out / "a.csv").read_bytes() == before
-    (videos / "a.mp4").unlink()
+    (out / "a.csv").unlink()
     assert _states(track_all([tmp_path / "other"], out)) == ["tracked", "kept", "kept"]
 
 

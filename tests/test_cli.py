@@ -20,6 +20,7 @@ import pytest
 
 from mien import cli
 from mien.frame import Frame
+from mien.graphics import Graphics
 from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, Point
 from mien.output.track import Track
@@ -157,15 +158,23 @@ def test_landmarks_that_were_corrected_are_not_overwritten(
 ) -> None:
     assert mien("landmarks", video, "--landmarks", marks).status == 0
     written = tmp_path / "in.landmarks.json"
-    values = json.loads(written.read_text())
-    values["points"][3][0] += 0.5
-    written.write_text(json.dumps(values))
-    refused(["landmarks", video, "--landmarks", marks], "in.landmarks.json exists with other landmarks", "--landmarks")
-    assert json.loads(written.read_text()) == values
+    for of in ("points", "graphics"):
+        values = json.loads(marks.read_text())
+        if of == "points":
+            values["points"][3][0] += 0.5
+        else:
+            mask = np.ones((20, 30), dtype=bool)
+            values["graphics"] = Graphics(320, 240, 100, 90, mask).to_dict()
+        written.write_text(json.dumps(values))
+        refused(["landmarks", video, "--landmarks", marks], "in.landmarks.json exists with other landmarks", "-o")
+        assert json.loads(written.read_text()) == values
     assert mien("landmarks", video, "--landmarks", written).status == 0
 
 
-@pytest.mark.parametrize(("name", "text"), [("in.csv", "frame,pose_Rx\n0,0.1\n"), ("in.json", '{"focal_px": 500}')])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("in.csv", "frame,pose_Rx\n0,0.1\n"), ("in.json", '{"focal_px": 500}'), ("in.parquet", "somebody's")],
+)
 def test_what_mien_has_not_written_is_not_overwritten(
     name: str, text: str, refused: Callable[..., None], mien: Command, video: Path, marks: Path, tmp_path: Path
 ) -> None:
@@ -173,8 +182,12 @@ def test_what_mien_has_not_written_is_not_overwritten(
     (tmp_path / name).write_text(text)
     refused(["track", video, "--landmarks", marks], f"{name} exists and is not the track of a video by mien", "-o")
     assert (tmp_path / name).read_text() == text
+    (tmp_path / "other.csv").touch()  # as of `mktemp`
     assert mien("track", video, "--landmarks", marks, "-o", "other.csv", "--end", "0.1").status == 0
+    (tmp_path / "other.json").write_text("{}")
     assert mien("track", video, "--landmarks", marks, "-o", "other.csv", "--end", "0.1").status == 0
+    (tmp_path / "third.face1.csv").write_text("mine")
+    refused(["track", video, "--faces", "2", "-o", "third.csv"], "third.face1.csv exists and is not the track")
 
 
 @pytest.mark.parametrize(("off", "warned"), [(0.0, False), (30.0, True)])

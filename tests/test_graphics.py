@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,16 @@ def test_the_frame_itself_stays_as_it_is() -> None:
     assert frame.behind(None) is frame
 
 
+def test_graphics_take_the_place_of_others_and_are_pickled() -> None:
+    gray, graphics, covered = _with_ring(20, 15)
+    frame = _seen_behind(gray, Graphics(WIDTH, HEIGHT, 3, 3, RING[:5, :7]))
+    assert (frame.gray[covered] == 255).all()
+    again = frame.behind(graphics)
+    assert (again.gray[covered] < 255).all()
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(again)).gray, again.gray)
+    np.testing.assert_array_equal(again.behind(None).gray, gray)
+
+
 def test_where_graphics_fill_the_image_nothing_is_known() -> None:
     everything = Graphics(8, 6, 0, 0, np.ones((6, 8), dtype=bool))
     assert (_seen_behind(np.full((6, 8), 200, np.uint8), everything).gray == 0).all()
@@ -80,6 +92,7 @@ def test_the_share_of_graphics_around_points() -> None:
     graphics = Graphics(WIDTH, HEIGHT, 20, 10, np.ones((10, 10), dtype=bool))
     points = np.array([[25.0, 15.0], [20.0, 15.0], [20.0, 10.0], [50.0, 15.0], [-9.0, -9.0]])
     np.testing.assert_allclose(graphics.share_around(points, 4), [1, 0.5, 0.25, 0, 0])
+    assert graphics.share_around(np.array([[-np.inf, -np.inf]]), 4) == 0  # behind the camera
 
 
 def test_graphics_come_back_from_plain_values() -> None:

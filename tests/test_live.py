@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -118,6 +119,11 @@ def test_a_face_that_cannot_be_learned_does_not_end_the_stream(folder: Path, mon
     refused = [e for e in estimates if e.reason == "the face in view cannot be learned: the face would be too near"]
     assert refused
     assert all(e.status is Status.LOST for e in refused)
+    learned = iter([Nearsighted(), SimpleNamespace(initialize=lambda *_: None, track=lambda _: None)])
+    monkeypatch.setattr(live, "create_tracker", lambda name: next(learned))
+    with pytest.raises(MienError, match="returned NoneType"):  # a fault of the tracker, not of the face
+        list(mien.stream(folder, anew_after=0.2))
+    monkeypatch.setattr(live, "create_tracker", lambda name: Nearsighted())
     monkeypatch.setattr(Nearsighted, "sees", ())
     with pytest.raises(MienError, match="too near"):
         list(mien.stream(folder))

@@ -23,6 +23,7 @@ from mien.errors import MienError, MienWarning
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
+from mien.graphics import Graphics
 from mien.initialization.landmarks import Landmarks, Point
 from mien.pipeline import passes, run
 from mien.pipeline import track as pipeline
@@ -390,6 +391,19 @@ def test_a_tracker_of_ones_own_may_have_axes_of_another_kind(
     use_tracker(monkeypatch, lambda name: WithAxes())
     mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
     assert mien.Track.read(tmp_path / "out").metadata["settings"] == {"patience": None}
+
+
+@pytest.mark.parametrize(
+    ("known", "then"), [(False, "this tracker takes them for it"), (True, "they are painted over")]
+)
+def test_graphics_before_the_face_are_warned_of(
+    known: bool, then: str, tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if known:
+        monkeypatch.setattr(StillTracker, "graphics", None, raising=False)
+    graphics = Graphics(320, 240, 100, 90, np.ones((20, 30), dtype=bool))
+    with pytest.warns(MienWarning, match=f"stand still before the face; {then}"):
+        mien.track(folder, landmarks=replace(known_portrait().landmarks, graphics=graphics))
 
 
 def test_landmarks_may_have_numbers_of_numpy(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:

@@ -100,6 +100,8 @@ class Half:
 class Choosy(Whole):
     def __init__(self, needed): ...
 
+class Silent(dict, Whole): ...
+
 class Faulty(Whole):
     def __init__(self):
         len(5)
@@ -111,6 +113,7 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
     assert type(create_tracker("own_trackers_here:Whole")).__name__ == "Whole"
+    assert type(create_tracker("own_trackers_here:Silent")).__name__ == "Silent"  # it says nothing of its arguments
     assert "" not in sys.path
     with pytest.raises(MienError, match="the module own_trackers_here has no class Hole"):
         create_tracker("own_trackers_here:Hole")
@@ -142,6 +145,9 @@ def test_an_estimate_belongs_to_its_frame() -> None:
         ({"confidence": float("nan")}, "not between 0 and 1"),
         ({"rotation": np.ones((3, 3))}, "not a rotation matrix"),
         ({"rotation": [1.0, 0.0, 0.0]}, "not a rotation matrix"),
+        ({"rotation": np.diag([1.0, 1.0, -1.0])}, "not a rotation matrix"),
+        ({"translation": np.zeros(2)}, "a translation that is not"),
+        ({"confidence": None}, "not between 0 and 1"),
     ],
 )
 def test_what_a_tracker_of_ones_own_returns_is_checked(changes: dict[str, Any], message: str) -> None:

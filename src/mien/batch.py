@@ -329,7 +329,7 @@ def _require_own_tables(found: Mapping[Path, Path], summary: Path) -> None:
         table, video = Path(row.get("table") or ""), Path(row.get("video") or "")
         own = found.get(table)
         require(
-            own is None or not video.exists() or real_path(own) == real_path(video),
+            own is None or not table.exists() or not video.exists() or real_path(own) == real_path(video),
             f"{table} is the table of {video}, by {summary}, and {own} would replace it; choose another folder with -o",
         )
 

@@ -66,7 +66,9 @@ def _warn_without_cache() -> None:
 
 def _keep_where_possible(compiled: Any) -> None:
     """Let a kernel that cannot be written to its folder, as on a full disk, be compiled anew at every start."""
-    cache = compiled._cache
+    cache = getattr(compiled, "_cache", None)
+    if cache is None:  # as with NUMBA_DISABLE_JIT
+        return
     save = cache.save_overload
 
     def save_or_warn(*overload: Any) -> None:

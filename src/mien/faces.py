@@ -144,6 +144,8 @@ def track_faces(
     name = footage.video.name
     require(isinstance(faces, Integral) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
     faces = int(faces)
+    for face_id in range(1, faces):
+        files.of_face(face_id).check(inputs)
     require(footage.repeatable, f"{name} can be read only once; several faces need a file or a list of frames")
     detections = list(_detections(footage))
     require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")

@@ -37,16 +37,19 @@ class Frame:
 
     def behind(self, graphics: Graphics | None) -> Frame:
         """The same frame, whose luminance has these graphics painted over; `pixels` stay as they are."""
-        if graphics is None:
+        if graphics is self.graphics:
             return self
+        if self._luma is None:
+            _ = self.pixels  # converted once, for both
         frame = Frame.__new__(Frame)
         vars(frame).update(vars(self), graphics=graphics)
-        vars(frame).pop("gray", None)
+        for derived in ("gray", "_painted"):
+            vars(frame).pop(derived, None)
         return frame
 
-    def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float]]:
+    def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float], dict[str, Any]]:
         """Pickle the RGB pixels: a decoded image cannot leave its process."""
-        return Frame, (self.pixels, self.index, self.time)
+        return Frame, (self.pixels, self.index, self.time), {"graphics": self.graphics}
 
     @cached_property
     def pixels(self) -> Pixels:

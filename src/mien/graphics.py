@@ -82,8 +82,8 @@ class Graphics:
     def share_around(self, points: Array, reach: float) -> Array:
         """Share (n,) of graphics in the squares that extend by `reach` pixels around image points (n, 2)."""
         h, w = self.mask.shape
-        x0, x1 = (np.clip(np.rint(points[:, 0] - self.x + side), 0, w).astype(int) for side in (-reach, reach))
-        y0, y1 = (np.clip(np.rint(points[:, 1] - self.y + side), 0, h).astype(int) for side in (-reach, reach))
+        x0, x1 = (np.rint(np.clip(points[:, 0] - self.x + side, 0, w)).astype(int) for side in (-reach, reach))
+        y0, y1 = (np.rint(np.clip(points[:, 1] - self.y + side, 0, h)).astype(int) for side in (-reach, reach))
         sums = self._sums
         return np.asarray((sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]) / (2 * reach) ** 2)
 

@@ -43,7 +43,8 @@ def stream(
     anew_after: seconds after which a face that is lost, or looks like someone else's, is given up and any face then in
     view is learned instead; its first estimate has the status INITIALIZED.
 
-    Raises MienError for bad input.
+    Raises MienError for bad input, and if the first face cannot be learned, as with a wrong focal length; where a later
+    one cannot, it is lost, with the reason.
     """
     valid = isinstance(anew_after, Real) and anew_after >= 0
     require(valid, f"anew_after is {anew_after!r}; give a number of seconds")
@@ -75,14 +76,15 @@ def _stream(
         if faces:
             learned = first or create_tracker(preset)
             try:
-                estimate = checked(learned.initialize(frame, faces[0], patience.camera), learned, frame)
+                estimate = learned.initialize(frame, faces[0], patience.camera)
             except MienError as error:
                 if first is not None:
                     raise
                 estimate = Estimate.lost(frame, f"the face in view cannot be learned: {error}")
             else:
+                estimate = checked(estimate, learned, frame)
                 tracker, first, seen = learned, None, frame.time
-                warn_of_first_frame(estimate, faces[0], footage.video)
+                warn_of_first_frame(estimate, faces[0], footage.video, tracker)
             patience = Patience(patience.camera)
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame, patience)

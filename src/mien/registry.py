@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import signature
+from numbers import Real
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING
@@ -60,7 +61,8 @@ def create_tracker(name: str) -> Tracker:
     assert tracker is not None
     arguments = [argument for argument in [argument_of(name)] if argument is not None]
     try:
-        signature(tracker).bind(*arguments)
+        with suppress(ValueError):  # some classes tell nothing of their arguments
+            signature(tracker).bind(*arguments)
     except TypeError as error:
         raise MienError(f"{name} cannot be created ({error}); it must need no arguments") from error
     made: Tracker = tracker(*arguments)
@@ -93,11 +95,18 @@ def _fault(estimate: Estimate) -> str | None:
 
     if not isinstance(estimate.status, Status):
         return f"the status {estimate.status!r}, which is no mien.Status"
-    if not 0 <= estimate.confidence <= 1:
+    if not (isinstance(estimate.confidence, Real) and 0 <= estimate.confidence <= 1):
         return f"the confidence {estimate.confidence!r}, which is not between 0 and 1"
-    R = estimate.rotation
-    if R is not None and not (np.shape(R) == (3, 3) and np.allclose(R @ np.transpose(R), np.eye(3), atol=1e-3)):
+    R, t = estimate.rotation, estimate.translation
+    if R is not None and not (
+        isinstance(R, np.ndarray)
+        and R.shape == (3, 3)
+        and np.allclose(R @ R.T, np.eye(3), atol=1e-3)
+        and np.linalg.det(R) > 0
+    ):
         return "something that is not a rotation matrix (3, 3)"
+    if t is not None and not (isinstance(t, np.ndarray) and t.shape == (3,)):
+        return "a translation that is not an array (3,)"
     return None
 
 

@@ -273,6 +273,7 @@ def test_other_files_beside_an_annotated_video_are_no_videos(tmp_path: Path) -> 
     cv2.imwrite(str(root / "subject.01" / "0.png"), np.zeros((48, 64, 3), np.uint8))
     (root / "subject.01.csv").write_text("frame,pose_Rx,pose_Ry,pose_Rz\n0,0,0,0\n")
     assert [sequence.name for sequence in load_dataset("video", root)] == ["mine", "subject.01"]
+    assert [sequence.name for sequence in load_dataset("video", root / "subject.01")] == ["subject.01"]
 
 
 def test_a_video_with_some_frames_annotated(tmp_path: Path) -> None:
@@ -313,7 +314,7 @@ def test_annotations_that_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_row_without_success_is_no_truth(tmp_path: Path) -> None:
-    root = _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", ["0,1,0,0,0", "1,0,,,"])
+    root = _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", ["0,1,0,0,0", "1,0,,,", "2,0,-999,inf,0"])
     truth = _truth("video", root)
     assert truth.rotations is not None
     np.testing.assert_array_equal(np.isfinite(truth.rotations[:, 0, 0]), np.arange(FRAMES) == 0)

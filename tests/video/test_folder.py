@@ -33,9 +33,12 @@ def test_what_is_probably_not_meant_as_one_video_is_warned_of(tmp_path: Path) ->
     with pytest.raises(MienError, match=r"holds no images; mien batch .* tracks its videos"):
         open_video(tmp_path)
     cv2.imwrite(str(tmp_path / "0.png"), gradient(0))
-    with pytest.warns(MienWarning, match="holds 1 videos beside the 1 images"):
+    assert len(list(open_video(tmp_path))) == 1  # beside its overlay
+    (tmp_path / "other.mp4").write_bytes(b"0")
+    with pytest.warns(MienWarning, match="holds 2 videos beside the images that are read as one, 1 of them"):
         open_video(tmp_path)
-    (tmp_path / "film.mp4").unlink()
+    for film in tmp_path.glob("*.mp4"):
+        film.unlink()
     cv2.imwrite(str(tmp_path / "0.jpg"), gradient(0))
     with pytest.warns(MienWarning, match="same names in several formats"):
         open_video(tmp_path)

@@ -18,8 +18,9 @@ from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 
-_LATE_S = 0.25
-"""Difference in seconds between the times of a row and its frame from which they do not belong together."""
+_LATE_S, _OTHER_RATE = 0.25, 0.3
+"""Difference in seconds between the times of a row and its frame, and that over the time passed, from which they do not
+belong together. Images have no times of their own; taken to be 25 a second, they may have been 30."""
 
 
 class OpenFaceTracker:
@@ -66,11 +67,11 @@ class OpenFaceTracker:
     def _compare_times(self, frame: Frame, row: int) -> None:
         """Warn once if a row lies elsewhere in time than its frame, as if it counted other frames than the video's."""
         first = self._row_of.get(self._begun.index)
-        if self._warned or first is None:
+        if self._warned or first is None or self._table.rate is None:
             return
         times = self._table.time
         stated, passed = float(times[row] - times[first]), frame.time - self._begun.time
-        if abs(stated - passed) > max(_LATE_S, 0.1 * passed):  # never of NaN
+        if abs(stated - passed) > max(_LATE_S, _OTHER_RATE * passed):  # never of NaN
             self._warned = True
             warn(
                 f"{self._table.source}: the row of frame {frame.index} lies {stated:.2f} s after the first, and the "

@@ -87,11 +87,6 @@ def read_pose_csv(path: Path) -> PoseTable:
     frame = frame if numbered else np.arange(len(rows), dtype=float)
     require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
     angles = _columns(path, rows, ROTATION) if has_pose else None
-    largest = 0.0 if angles is None else float(np.abs(np.nan_to_num(angles)).max())
-    require(
-        largest <= _LARGEST_RAD,
-        f"{path}: an angle is {largest:.4g}, more than a full turn; pose_Rx, pose_Ry, pose_Rz are in radians",
-    )
     points = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     landmarks = _columns(path, rows, points) if count in SCHEME_OF_COUNT else None
     for what, values in (("the pose", angles), ("a landmark", landmarks)):
@@ -101,6 +96,11 @@ def read_pose_csv(path: Path) -> PoseTable:
             f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
             "correct it, or delete the row",
         )
+    largest = 0.0 if angles is None else float(np.abs(angles[tracked]).max(initial=0.0))
+    require(
+        largest <= _LARGEST_RAD,
+        f"{path}: an angle is {largest:.4g}, more than a full turn; pose_Rx, pose_Ry, pose_Rz are in radians",
+    )
     by_mien = "status" in names
     from_zero = bool((frame == 0).any()) or by_mien
     time = _column(path, rows, "timestamp", np.nan)

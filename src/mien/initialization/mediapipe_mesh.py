@@ -131,7 +131,7 @@ def _native_stderr_discarded() -> Iterator[None]:
         yield
         return
     screen = _screen()
-    os.dup2(2, screen.fileno())
+    os.dup2(2, screen.fileno(), inheritable=False)
     own, null = sys.stderr, os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     if own is sys.__stderr__:

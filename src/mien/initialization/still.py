@@ -85,22 +85,27 @@ class StillSearch:
         searched = faces.sum(axis=0) >= max(_LEAST_LOOKS, _LEAST_SHARE_OF_LOOKS * len(faces))
         if not searched.any():
             return None
-        images = np.array([cv2.GaussianBlur(image.astype(np.float32), (0, 0), _BLUR) for image in self.images])
-        certain, possible = self._still_edges(images, faces, searched)
+        part = _box(searched, _MARGIN)
+        images = np.array([cv2.GaussianBlur(im.astype(np.float32), (0, 0), _BLUR)[part] for im in self.images])
+        faces, searched = faces[:, part[0], part[1]], searched[part]
+        certain, possible = self._still_edges(images, faces, searched, part)
         if certain.sum() < max(_LEAST_PX, _LEAST_SHARE * searched.sum()):
             return None
-        return self._in_image(_covered(certain, possible | _flat(images, faces, searched)))
+        return self._in_image(_covered(certain, possible | _flat(images, faces, searched)), part)
 
-    def _still_edges(self, images: Float32, faces: Mask, searched: Mask) -> tuple[Mask, Mask]:
+    def _still_edges(
+        self, images: Float32, faces: Mask, searched: Mask, part: tuple[slice, slice]
+    ) -> tuple[Mask, Mask]:
         """Pixels (h, w) of which the gradient is certainly, or possibly, the same in most looks (n, h, w) in which the
-        face has moved across it."""
+        face has moved across it. part: rows and columns of the shrunk images that these are."""
         gradients = np.array([_gradient(image) for image in images])
         usual = _median(gradients, faces[..., None])
         strength = np.linalg.norm(usual, axis=-1)
         rows, columns = np.nonzero(searched & (strength > _POSSIBLE.strength))
         usual, strength, faces = usual[rows, columns], strength[rows, columns], faces[:, rows, columns]
         deviation = np.linalg.norm(gradients[:, rows, columns] - usual, axis=-1)
-        across = (self._places_in_face(rows, columns) * (usual / strength[:, None])).sum(axis=-1)
+        places = self._places_in_face(rows + part[0].start, columns + part[1].start)
+        across = (places * (usual / strength[:, None])).sum(axis=-1)
         found = []
         for least in (_CERTAIN, _POSSIBLE):
             agrees = faces & (deviation < least.deviation * strength)
@@ -123,14 +128,14 @@ class StillSearch:
         x, y = (points / self.size).T
         return np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
 
-    def _in_image(self, covered: Mask) -> Graphics:
-        """The graphics of a mask (h, w) of the shrunk images."""
-        size = (self.high - self.low).tolist()
-        mask = cv2.resize(covered.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-        rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-        x, y = int(columns[0]), int(rows[0])
-        part = mask[y : rows[-1] + 1, x : columns[-1] + 1]
-        return Graphics(*self.image_size, int(self.low[0]) + x, int(self.low[1]) + y, np.ascontiguousarray(part))
+    def _in_image(self, covered: Mask, part: tuple[slice, slice]) -> Graphics:
+        """The graphics of a mask (h, w) of a part of the shrunk images."""
+        shrunk = np.zeros(self.size[::-1], np.uint8)
+        shrunk[part] = covered
+        mask = cv2.resize(shrunk, (self.high - self.low).tolist(), interpolation=cv2.INTER_NEAREST) > 0
+        rows, columns = _box(mask)
+        x, y = (int(low) + place.start for low, place in zip(self.low, (columns, rows), strict=True))
+        return Graphics(*self.image_size, x, y, np.ascontiguousarray(mask[rows, columns]))
 
 
 def _flat(images: Float32, faces: Mask, searched: Mask) -> Mask:
@@ -149,6 +154,13 @@ def _covered(certain: Mask, possible: Mask) -> Mask:
     return np.asarray(cv2.dilate(covered.astype(np.uint8), shape) > 0)
 
 
+def _box(mask: Mask, margin: int = 0) -> tuple[slice, slice]:
+    """The rows and columns of a mask (h, w) that hold it, and as many more each way."""
+    places = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    lows, highs = zip(*((int(place[0]) - margin, int(place[-1]) + 1 + margin) for place in places), strict=True)
+    return slice(max(lows[0], 0), highs[0]), slice(max(lows[1], 0), highs[1])
+
+
 def _hull(points: Array, size: tuple[int, int]) -> Mask:
     """The pixels (h, w) within the convex hull of points (n, 2)."""
     inside = np.zeros(size[::-1], np.uint8)
@@ -162,7 +174,7 @@ def _gradient(image: Float32) -> Float32:
 
 
 def _median(values: Float32, counted: Mask) -> Float32:
-    """Median over the first axis of those values (n, ...) that are counted (n, ...); NaN where none is."""
+    """Median over the first axis of those values (n, ...) that are counted (n, ...); infinite where none is."""
     counted = np.broadcast_to(counted, values.shape)
     ordered = np.sort(np.where(counted, values, np.inf), axis=0)
     middle = np.maximum(counted.sum(axis=0) - 1, 0) // 2

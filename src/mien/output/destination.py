@@ -88,10 +88,15 @@ class Destination:
 def _require_own(table: Path) -> None:
     """Raise MienError if NAME.csv or NAME.json exists and is not of a track, like the annotation of a video or the
     table of another tool: those of an earlier track are replaced."""
-    csv, settings, _ = track_paths(table)
-    for path, is_own in ((csv, is_table_of_track), (settings, _is_of_track)):
+    csv, settings, parquet = track_paths(table)
+    own_table = csv.exists() and is_table_of_track(csv)
+    for path, is_own in (
+        (csv, is_table_of_track),
+        (settings, lambda path: own_table or _is_of_track(path)),
+        (parquet, is_table_of_track),
+    ):
         require(
-            not path.exists() or is_own(path),
+            not path.exists() or path.stat().st_size == 0 or is_own(path),
             f"{path} exists and is not the track of a video by mien; choose another name with -o, or move it away",
         )
 

@@ -375,11 +375,16 @@ def _fixed(values: Array) -> Array:
 
 
 def is_table_of_track(path: Path) -> bool:
-    """Whether a CSV has the columns that every table of mien has."""
+    """Whether a CSV or a Parquet file has the columns that every table of mien has."""
     try:
+        if path.suffix.lower() == ".parquet":
+            from pyarrow import parquet
+
+            with path.open("rb") as stream:
+                return set(parquet.read_schema(stream).names) >= _IN_EVERY_ROW
         with opened_csv(path) as file:
             return {name.strip() for name in next(reader(file), [])} >= _IN_EVERY_ROW
-    except (OSError, ValueError, CSVError):
+    except (OSError, ValueError, CSVError, pa.ArrowException):
         return False
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
-
 from mien.candide.model import Candide
 from mien.errors import MienError, require
 from mien.files import real_path, require_ending, require_writable
@@ -66,8 +64,7 @@ def _require_no_corrections(output: Path, found: Landmarks, given: object) -> No
     if same or not output.exists():
         return
     with suppress(MienError):
-        before = read_landmarks(output, found.frame_index, found.time)
-        same = before.points.shape == found.points.shape and bool(np.allclose(before.points, found.points, atol=1e-3))
+        same = read_landmarks(output, found.frame_index, found.time).to_dict() == found.to_dict()
     require(
         same,
         f"{output} exists with other landmarks, which may have been corrected; pass it with --landmarks, choose "

@@ -22,7 +22,7 @@ from mien.pipeline.run import run, run_back
 from mien.registry import create_tracker
 from mien.start.first_frame import Start
 from mien.start.search import TURNED_DEG
-from mien.tracking.abilities import RepeatableTracker, ShapeTracker, axes_of
+from mien.tracking.abilities import GraphicsTracker, RepeatableTracker, ShapeTracker, axes_of
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Video
 
@@ -122,7 +122,7 @@ def _run_forward(onwards: Pass, back: Tracker, earlier: dict[int, Estimate], rec
             is_earlier = earlier.pop(frame.index, None) is not None
             draw(frame, estimate, back if is_earlier else onwards.tracker)
             if estimate.status is Status.INITIALIZED and onwards.number == 1:
-                warn_of_first_frame(estimate, begin.landmarks, begin.footage.video, onwards.face_id)
+                warn_of_first_frame(estimate, begin.landmarks, begin.footage.video, onwards.tracker, onwards.face_id)
             if frame.index >= begin.reported and not is_earlier:
                 onwards.report(estimate)
 
@@ -165,7 +165,9 @@ def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Ar
     return depths * recorder.mm_per_unit
 
 
-def warn_of_first_frame(first: Estimate, landmarks: Landmarks, video: Video, face_id: int = 0) -> None:
+def warn_of_first_frame(
+    first: Estimate, landmarks: Landmarks, video: Video, tracker: Tracker, face_id: int = 0
+) -> None:
     """Warn if the face is turned away in the first frame, from which its appearance and shape are learned, or partly
     covered, there or throughout. face_id: index of the face in the video."""
     if first.rotation is None or first.translation is None:
@@ -173,10 +175,9 @@ def warn_of_first_frame(first: Estimate, landmarks: Landmarks, video: Video, fac
     remedy = "begin" if video.path is None else "use --start to begin"
     face = f"face {face_id}" if face_id else "the face"
     if landmarks.graphics is not None:
-        warn(
-            f"{video.name}: graphics, such as a logo, stand still before {face}; they are painted over, and what they "
-            "hide is not tracked"
-        )
+        known = isinstance(tracker, GraphicsTracker)
+        then = "they are painted over, and what they hide is not tracked" if known else "this tracker takes them for it"
+        warn(f"{video.name}: graphics, such as a logo, stand still before {face}; {then}")
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
         warn(

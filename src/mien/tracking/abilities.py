@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 from pydantic import BaseModel
 
 from mien.arrays import Array
+from mien.graphics import Graphics
 from mien.initialization.fit import FirstFrame
 from mien.tracking.state import Estimate, Tracker
 
@@ -43,6 +44,13 @@ class Axes(Protocol):
     turn: Array
 
     def report_anew(self) -> Array: ...
+
+
+@runtime_checkable
+class GraphicsTracker(Protocol):
+    """A tracker that paints over the graphics that come with the landmarks of the first frame."""
+
+    graphics: Graphics | None
 
 
 @runtime_checkable

@@ -78,8 +78,8 @@ def open_folder(path: Path) -> ImageFolder:
     batch = f"mien batch {path} tracks its videos"
     remedy = batch if videos else f"mien reads {', '.join(IMAGE_SUFFIXES)}"
     require(bool(images), f"{path} holds no images; {remedy}")
-    if videos:
-        warn(f"{path} holds {videos} videos beside the {len(images)} images that are read as one; {batch}")
+    if videos > len(images):  # and not an overlay or two of theirs
+        warn(f"{path} holds {videos} videos beside the images that are read as one, {len(images)} of them; {batch}")
     stems = {file.stem for file in images}
     if len(stems) <= len(images) // 2:
         warn(f"{path} holds images of the same names in several formats; each is read as a frame of its own")

@@ -26,7 +26,8 @@ _OTHER_RATE = 0.1
 
 def load(path: Path) -> tuple[Sequence, ...]:
     """Load every video that has a CSV of the same name beside it."""
-    candidates = sorted(path.iterdir()) if path.is_dir() else [path]
+    alone = path.is_file() or path.with_name(f"{path.name}.csv").is_file()
+    candidates = [path] if alone else sorted(path.iterdir())
     known = [p for p in candidates if p.is_dir() or p.suffix.lower() in VIDEO_SUFFIXES or p == path]
     pairs = [(p, p.with_name(f"{_name(p)}.csv")) for p in known]
     annotated = [(video, truth) for video, truth in pairs if truth.is_file() and truth != video]
@@ -49,7 +50,7 @@ def read_truth(path: Path, frames: int, video: Path | None = None) -> Truth:
     table = read_pose_csv(path)
     if table.by_mien:
         warn(f"{path} is a track of mien's own: what is reported as errors are differences from that")
-    fps = None if video is None or table.rate is None else open_video(video).fps
+    fps = None if video is None or video.is_dir() or table.rate is None else open_video(video).fps
     if fps is not None and table.rate is not None and abs(table.rate / fps - 1) > _OTHER_RATE:
         warn(
             f"{path} has {table.rate:.4g} frames a second by its timestamps and {video} {fps:.4g}; if `frame` does not "

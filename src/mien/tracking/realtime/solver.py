@@ -70,7 +70,9 @@ class PoseSolver:
     def _uncovered(self, graphics: Graphics, X: Array, reach: float) -> Mask:
         """Which landmarks (n,), at points X (n, 3) in camera axes, graphics leave enough of. reach: pixels of the image
         that their descriptors extend to each side."""
-        return graphics.share_around(self.camera.project(X)[0], reach) < self.settings.covered_share
+        points, ahead = self.camera.project(X)
+        points = np.where(ahead[:, None], points, -math.inf)
+        return graphics.share_around(points, reach) < self.settings.covered_share
 
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""

@@ -19,6 +19,7 @@ from mien.config import RealtimeSettings
 from mien.errors import require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.graphics import Graphics
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_reported
 from mien.threads import one_blas_thread
@@ -76,6 +77,7 @@ class RealtimeTracker:
         self.model = model
         self.before = before
         self.size: tuple[int, int] | None = None
+        self.graphics: Graphics | None = None
         self.compilation = BackgroundCompilation()
 
     def again(self) -> RealtimeTracker:
