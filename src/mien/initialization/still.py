@@ -48,7 +48,7 @@ class _Stillness(NamedTuple):
 
 
 _CERTAIN, _POSSIBLE = _Stillness(10.0, 0.5, 0.7), _Stillness(8.0, 0.6, 0.6)
-"""Possible still edges count where they touch certain ones. In 166 videos without graphics, of real, rendered and
+"""Possible still edges count where they touch certain ones. In 165 videos without graphics, of real, rendered and
 modelled people, no face has as many certain ones as `_LEAST_SHARE` (docs/experiments.md)."""
 
 
@@ -66,7 +66,6 @@ class StillSearch:
         width, height = np.maximum(np.rint((self.high - self.low) * scale), 4).astype(int).tolist()
         self.size, self.face_px = (width, height), scale * size
         self.images: list[Pixels] = []
-        self.outlines: list[Array] = []
         self.points: list[Array] = []
         self.add(frame, look)
 
@@ -75,13 +74,11 @@ class StillSearch:
         (x0, y0), (x1, y1) = self.low, self.high
         part = frame.gray_part(slice(y0, y1), slice(x0, x1))
         self.images.append(np.asarray(cv2.resize(part, self.size, interpolation=cv2.INTER_AREA), np.uint8))
-        factors = self.size / (self.high - self.low)
-        self.outlines.append((look.points - self.low) * factors)
-        self.points.append((look.correspondences()[1] - self.low) * factors)
+        self.points.append((look.points - self.low) * self.size / (self.high - self.low))
 
     def graphics(self) -> Graphics | None:
         """What covers the face and stands still; None if there is nothing, or if the face moves too little to tell."""
-        faces = np.array([_hull(points, self.size) for points in self.outlines])
+        faces = np.array([_hull(points, self.size) for points in self.points])
         searched = faces.sum(axis=0) >= max(_LEAST_LOOKS, _LEAST_SHARE_OF_LOOKS * len(faces))
         if not searched.any():
             return None
