@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, prepare, scored
+from ablation import Run, prepare, rotations_of, scored, track
 from inputs import carry_out
 
 from mien.arrays import Array, Pixels
@@ -118,21 +118,16 @@ def rows(run: Run) -> Iterator[Row]:
 
 
 def _row(graphics: str, tracker: str, run: Run) -> Row:
-    made, first = create_tracker(tracker.split(",")[0]), run.frames[0]
-    camera = run.sequence.camera_for(first.width, first.height)
-    estimates = [made.initialize(first, run.landmarks, camera), *(made.track(frame) for frame in run.frames[1:])]
-    return Row(graphics, tracker, scored(estimates, run), float(np.mean([*_wrong(estimates, run)])))
+    estimates = track(create_tracker(tracker.split(",")[0]), run)
+    return Row(graphics, tracker, scored(estimates, run), _wrong_share(estimates, run))
 
 
-def _wrong(estimates: list[Estimate], run: Run) -> Iterator[bool]:
-    """Whether each estimate is believed and wrong."""
-    first, truth = estimates[0].rotation, run.truth.rotations
-    assert first is not None, "a face is never lost in the first frame"
-    assert truth is not None, "a rendered sequence has rotations"
-    for estimate, R in zip(estimates, truth, strict=True):
-        believed = estimate.rotation is not None and estimate.confidence > BELIEVED
-        turned = np.eye(3) if estimate.rotation is None else first.T @ estimate.rotation
-        yield believed and bool(np.degrees(angle_between(truth[0].T @ R, turned)) > WRONG_DEG)
+def _wrong_share(estimates: list[Estimate], run: Run) -> float:
+    """Share of the estimates that are believed and wrong."""
+    R, true = rotations_of(estimates), run.truth.rotations
+    assert true is not None, "a rendered sequence has rotations"
+    wrong = np.degrees(angle_between(R[0].T @ R, true[0].T @ true)) > WRONG_DEG  # never of NaN, where it is lost
+    return float(np.mean(wrong & (np.array([e.confidence for e in estimates]) > BELIEVED)))
 
 
 def main() -> None:

@@ -123,7 +123,8 @@ def track_all(
     options = options or BatchOptions()
     create_tracker(options.preset)  # report wrong options once, now, and not for every video
     check_options(options)
-    notes = _notes(out / SUMMARY)
+    earlier_rows = _rows_of(out / SUMMARY)
+    notes = _notes(earlier_rows)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     waiting = []
@@ -133,7 +134,7 @@ def track_all(
             waiting.append(k)
         else:
             found[k] = kept
-    _require_own_tables({found[k][0].table: found[k][0].video for k in waiting}, out / SUMMARY)
+    _require_own_tables({found[k][0].table: found[k][0].video for k in waiting}, earlier_rows, out / SUMMARY)
     _write(found, out / SUMMARY)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
@@ -322,10 +323,10 @@ def _face_rows(row: Row, track: Track) -> list[Row]:
     return rows
 
 
-def _require_own_tables(found: Mapping[Path, Path], summary: Path) -> None:
-    """Raise MienError if a table is, by the summary of an earlier run, another video's that is still there. found:
-    videos by their tables."""
-    for row in _rows_of(summary):
+def _require_own_tables(found: Mapping[Path, Path], rows: Iterable[Mapping[str, str]], summary: Path) -> None:
+    """Raise MienError if a table is, by the rows of an earlier run's summary, another video's that is still there.
+    found: videos by their tables."""
+    for row in rows:
         table, video = Path(row.get("table") or ""), Path(row.get("video") or "")
         own = found.get(table)
         require(
@@ -334,12 +335,12 @@ def _require_own_tables(found: Mapping[Path, Path], summary: Path) -> None:
         )
 
 
-def _notes(summary: Path) -> dict[str, str]:
-    """The notes in the summary of an earlier run, by video; empty without a summary. The note of a video that had not
-    finished then says that its warnings are unknown."""
+def _notes(rows: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """The notes in the rows of an earlier run's summary, by video. The note of a video that had not finished then says
+    that its warnings are unknown."""
     return {
         row.get("video") or "": _WARNINGS_UNKNOWN if row.get("state") == PENDING else row.get("note") or ""
-        for row in _rows_of(summary)
+        for row in rows
     }
 
 

@@ -42,6 +42,11 @@ def _source_stamp() -> str:
     return digest.hexdigest()
 
 
+def _own_source(file: Path) -> bytes:
+    """The source of a kernel that is not mien's, as of a benchmark; nothing for those in the digest."""
+    return b"" if Path(__file__).parent in file.parents or not file.is_file() else file.read_bytes()
+
+
 def is_cached(compiled: Any) -> bool:
     """Whether a kernel is on disk as its source is now; True where nothing can be kept there."""
     index = _index_of(compiled)
@@ -84,7 +89,6 @@ def kernel(**options: Any) -> Callable[[F], F]:
     """Decorator that compiles a function of arrays and numbers; options override the defaults for `numba.njit`."""
 
     def decorate(function: F) -> F:
-        own = Path(function.__code__.co_filename)  # one that is not mien's, in a benchmark
         try:
             compiled: F = numba.njit(**_OPTIONS | options)(function)
         except RuntimeError:  # neither the package's folder nor the user's can be written
@@ -93,7 +97,7 @@ def kernel(**options: Any) -> Callable[[F], F]:
         _keep_where_possible(compiled)
         index = _index_of(compiled)
         if index is not None:
-            index._source_stamp = _source_stamp(), own.read_bytes() if own.is_file() else b""
+            index._source_stamp = _source_stamp(), _own_source(Path(function.__code__.co_filename))
         return compiled
 
     return decorate

@@ -5,13 +5,18 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
 from typing import TextIO
 
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(e[-+]?\d+)?\s*", re.IGNORECASE)
+
+
+def landmark_count(names: Iterable[str]) -> int:
+    """Number of landmarks of a table with these columns: x_0, x_1 .., among others."""
+    return sum(1 for name in names if re.fullmatch(r"x_\d+", name))
 
 
 @contextmanager

@@ -150,7 +150,7 @@ def track_faces(
     detections = list(_detections(footage))
     require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
     together = min(faces, max(map(len, detections)))
-    run = _Run(footage, preset, passes, at_once, files, inputs, faces, together, progress)
+    run = _Run(footage, preset, passes, at_once, files, faces, together, progress)
     found = run.track_all(_appearances(detections))
     require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
     found = [replace(face, track=_without_other_faces(face, found)) for face in found]
@@ -161,15 +161,14 @@ def track_faces(
 
 @dataclass(frozen=True)
 class _Run:
-    """What the tracking of all faces of a video has in common. inputs: files that must not be overwritten; faces: how
-    many are tracked at most; together: how many of these are seen at the same time."""
+    """What the tracking of all faces of a video has in common. faces: how many are tracked at most; together: how many
+    of these are seen at the same time."""
 
     footage: Footage
     preset: str
     passes: int
     at_once: bool
     files: Destination
-    inputs: tuple[object, ...]
     faces: int
     together: int
     progress: Progress | None
@@ -199,7 +198,6 @@ class _Run:
             return None
         face_id, tracker = len(found), create_tracker(self.preset)
         files = replace(self.files.of_face(face_id), overlay=None)
-        files.check(self.inputs)
         report = self.reporter(face_id + 1)
         first = Pass(begin, self.preset, tracker, files, report, self.passes, face_id=face_id)
         return _track_face(first, found, apart=len(unknown) < len(appearance))

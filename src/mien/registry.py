@@ -13,9 +13,12 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mien.errors import MienError, require
 from mien.frame import Frame
-from mien.tracking.state import Estimate, Tracker
+from mien.geometry.rotation import is_rotation
+from mien.tracking.state import Estimate, Status, Tracker
 
 if TYPE_CHECKING:
     from mien.config import Settings
@@ -75,37 +78,29 @@ def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
     """What a tracker returned for a frame. Raises MienError if it is not the Estimate of that frame; your own tracker
     may be wrong."""
     cls = type(tracker)
-    name = f"{cls.__module__}:{cls.__qualname__}"
-    if not (isinstance(returned, Estimate) and returned.index == frame.index):
-        what = f"the estimate of frame {returned.index}" if isinstance(returned, Estimate) else type(returned).__name__
+    if isinstance(returned, Estimate) and returned.index == frame.index:
+        wrong = None if cls.__module__.startswith("mien.") else _fault(returned)
+        if wrong is None:
+            return returned
         raise MienError(
-            f"{name} returned {what} for frame {frame.index}; its initialize and track must "
-            "return a mien.Estimate with the frame's index, or Estimate.lost(frame, reason) if there is no face"
+            f"{cls.__module__}:{cls.__qualname__} returned for frame {frame.index} {wrong}; see mien.Estimate"
         )
-    wrong = None if cls.__module__.startswith("mien.") else _fault(returned)
-    require(wrong is None, f"{name} returned for frame {frame.index} {wrong}; see mien.Estimate")
-    return returned
+    what = f"the estimate of frame {returned.index}" if isinstance(returned, Estimate) else type(returned).__name__
+    raise MienError(
+        f"{cls.__module__}:{cls.__qualname__} returned {what} for frame {frame.index}; its initialize and track must "
+        "return a mien.Estimate with the frame's index, or Estimate.lost(frame, reason) if there is no face"
+    )
 
 
 def _fault(estimate: Estimate) -> str | None:
     """What of an estimate is not as `Estimate` says; None if all is."""
-    import numpy as np
-
-    from mien.tracking.state import Status
-
     if not isinstance(estimate.status, Status):
         return f"the status {estimate.status!r}, which is no mien.Status"
     if not (isinstance(estimate.confidence, Real) and 0 <= estimate.confidence <= 1):
         return f"the confidence {estimate.confidence!r}, which is not between 0 and 1"
-    R, t = estimate.rotation, estimate.translation
-    if R is not None and not (
-        isinstance(R, np.ndarray)
-        and R.shape == (3, 3)
-        and np.allclose(R @ R.T, np.eye(3), atol=1e-3)
-        and np.linalg.det(R) > 0
-    ):
+    if estimate.rotation is not None and not is_rotation(estimate.rotation):
         return "something that is not a rotation matrix (3, 3)"
-    if t is not None and not (isinstance(t, np.ndarray) and t.shape == (3,)):
+    if estimate.translation is not None and np.shape(estimate.translation) != (3,):
         return "a translation that is not an array (3,)"
     return None
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
-from mien.csv_files import csv_rows
+from mien.csv_files import csv_rows, landmark_count
 from mien.errors import MienError, require, warn
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import SCHEME_OF_COUNT
@@ -74,7 +74,7 @@ def read_pose_csv(path: Path) -> PoseTable:
     """Read the first face of a CSV. Raises MienError if it is not such a table, or a value is not a number."""
     rows = _rows(path)
     names = list(rows[0])
-    count = sum(1 for n in names if n.startswith("x_") and n[2:].isdecimal())
+    count = landmark_count(names)
     has_pose = set(ROTATION) <= set(names)
     require(
         has_pose or count in SCHEME_OF_COUNT,
@@ -89,18 +89,7 @@ def read_pose_csv(path: Path) -> PoseTable:
     angles = _columns(path, rows, ROTATION) if has_pose else None
     points = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     landmarks = _columns(path, rows, points) if count in SCHEME_OF_COUNT else None
-    for what, values in (("the pose", angles), ("a landmark", landmarks)):
-        bad = _rows_without(values, tracked)
-        require(
-            len(bad) == 0,
-            f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
-            "correct it, or delete the row",
-        )
-    largest = 0.0 if angles is None else float(np.abs(angles[tracked]).max(initial=0.0))
-    require(
-        largest <= _LARGEST_RAD,
-        f"{path}: an angle is {largest:.4g}, more than a full turn; pose_Rx, pose_Ry, pose_Rz are in radians",
-    )
+    _require_plausible(path, angles, landmarks, tracked)
     by_mien = "status" in names
     from_zero = bool((frame == 0).any()) or by_mien
     time = _column(path, rows, "timestamp", np.nan)
@@ -120,6 +109,22 @@ def read_pose_csv(path: Path) -> PoseTable:
         np.stack([_column(path, rows, n, np.nan) for n in _CLOSING], axis=1) if _CLOSING[0] in names else None,
         rate,
         by_mien,
+    )
+
+
+def _require_plausible(path: Path, angles: Array | None, landmarks: Array | None, tracked: Mask) -> None:
+    """Raise MienError for poses (n, 3) or landmarks (n, k) of tracked rows that are not finite, and for degrees."""
+    for what, values in (("the pose", angles), ("a landmark", landmarks)):
+        bad = _rows_without(values, tracked)
+        require(
+            len(bad) == 0,
+            f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
+            "correct it, or delete the row",
+        )
+    largest = 0.0 if angles is None else float(np.abs(angles[tracked]).max(initial=0.0))
+    require(
+        largest <= _LARGEST_RAD,
+        f"{path}: an angle is {largest:.4g}, more than a full turn; pose_Rx, pose_Ry, pose_Rz are in radians",
     )
 
 

@@ -21,6 +21,7 @@ from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.geometry.rotation import is_rotation
 from mien.initialization.landmarks import Landmarks
 from mien.registry import checked
 from mien.tracking.abilities import FittedTracker, settings_of
@@ -140,9 +141,8 @@ def _estimates(
 def _check(estimate: Estimate, frame: Frame) -> None:
     """Raise MienError if a tracker violates its interface."""
     R = estimate.rotation
-    broken = R is not None and (np.shape(R) != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4))
     require(
-        not broken and not (estimate.status is Status.LOST and R is not None),
+        R is None or (is_rotation(R) and estimate.status is not Status.LOST),
         f"frame {frame.index}: the tracker's rotation is not a rotation matrix, or belongs to a lost frame; "
         "every frame must either be lost or have a rotation matrix",
     )

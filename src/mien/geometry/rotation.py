@@ -126,3 +126,13 @@ def similarity(source: Array, target: Array) -> tuple[float, Array, Array]:
     R, overlap = rotation_onto(a, b)
     scale = overlap / float((a**2).sum())
     return scale, R, target.mean(axis=0) - scale * R @ source.mean(axis=0)
+
+
+def is_rotation(R: object) -> bool:
+    """Whether this is a rotation matrix (3, 3), to a ten-thousandth."""
+    return (
+        isinstance(R, np.ndarray)
+        and R.shape == (3, 3)
+        and bool(np.allclose(R @ R.T, np.eye(3), atol=1e-4))
+        and float(np.linalg.det(R)) > 0
+    )

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mien.arrays import Array
-from mien.csv_files import csv_rows
+from mien.csv_files import csv_rows, landmark_count
 from mien.errors import MienError, require
 from mien.files import json_text, whole_file
 from mien.graphics import Graphics
@@ -119,7 +119,7 @@ def _pts_text(path: Path, landmarks: Landmarks) -> str:
 
 def _read_csv(path: Path, index: int, time: float) -> Landmarks:
     row = _row_of_frame(path, list(csv_rows(path)), index, time)
-    count = sum(1 for name in row if re.fullmatch(r"x_\d+", name))
+    count = landmark_count(row)
     require(
         count in SCHEME_OF_COUNT,
         f"{path} has {count} landmark columns x_0, x_1 ..; OpenFace writes 68 of them with -2Dfp",

@@ -42,18 +42,9 @@ class Destination:
         return self
 
     def check(self, inputs: Iterable[object]) -> None:
-        """Raise MienError if a file cannot be written, or would overwrite an input or another output."""
-        files = [Path(p) for p in inputs if isinstance(p, (str, Path))]
-        taken = {real_path(file) for file in files}
-        for path in self.paths():
-            require(
-                real_path(path) not in taken,
-                f"{path} would overwrite an input or another output; choose another name",
-            )
-            for file in files:
-                refuse_among_images(path, file)
-            taken.add(real_path(path))
-            require_writable(path)
+        """Raise MienError if a file cannot be written, or would overwrite an input, another output, or what mien has
+        not written."""
+        require_free(self.paths(), inputs)
         if self.table is not None:
             _require_own(self.table)
 
@@ -85,18 +76,35 @@ class Destination:
             track.plot(self.plot)
 
 
-def _require_own(table: Path) -> None:
-    """Raise MienError if NAME.csv or NAME.json exists and is not of a track, like the annotation of a video or the
-    table of another tool: those of an earlier track are replaced."""
-    csv, settings, parquet = track_paths(table)
-    own_table = csv.exists() and is_table_of_track(csv)
-    for path, is_own in (
-        (csv, is_table_of_track),
-        (settings, lambda path: own_table or _is_of_track(path)),
-        (parquet, is_table_of_track),
-    ):
+def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
+    """Raise MienError if a file cannot be written, or would overwrite one of the inputs (those that are paths), or
+    another one."""
+    files = [Path(p) for p in inputs if isinstance(p, (str, Path))]
+    taken = {real_path(file) for file in files}
+    for path in paths:
         require(
-            not path.exists() or path.stat().st_size == 0 or is_own(path),
+            real_path(path) not in taken,
+            f"{path} would overwrite an input or another output; choose another name",
+        )
+        for file in files:
+            refuse_among_images(path, file)
+        taken.add(real_path(path))
+        require_writable(path)
+
+
+def _require_own(table: Path) -> None:
+    """Raise MienError if NAME.csv, NAME.json or NAME.parquet exists and is not of a track, like the annotation of a
+    video or the table of another tool: those of an earlier track are replaced."""
+    csv, settings, parquet = (path if path.exists() and path.stat().st_size else None for path in track_paths(table))
+    own_table = csv is not None and is_table_of_track(csv)
+    foreign = [
+        None if own_table else csv,
+        None if settings is None or own_table or _is_of_track(settings) else settings,
+        None if parquet is None or is_table_of_track(parquet) else parquet,
+    ]
+    for path in foreign:
+        require(
+            path is None,
             f"{path} exists and is not the track of a video by mien; choose another name with -o, or move it away",
         )
 

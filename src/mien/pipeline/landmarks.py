@@ -7,15 +7,16 @@ from pathlib import Path
 
 from mien.candide.model import Candide
 from mien.errors import MienError, require
-from mien.files import real_path, require_ending, require_writable
+from mien.files import real_path, require_ending
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks, Point
+from mien.output.destination import require_free
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
 from mien.threads import one_blas_thread
-from mien.video import open_video, refuse_among_images
+from mien.video import open_video
 
 
 @one_blas_thread()
@@ -41,12 +42,7 @@ def write_first_frame(
 
     require_ending(Path(plot), (".png",))
     require_ending(Path(output), (".json",) if landmarks is None else (".json", ".pts"))
-    inputs = [Path(file) for file in (video, camera) if isinstance(file, (str, Path))]  # landmarks may be corrected
-    for path in (Path(output), Path(plot)):
-        for file in inputs:
-            require(real_path(path) != real_path(file), f"{path} would overwrite {file}; choose another name")
-            refuse_among_images(path, file)
-        require_writable(path)
+    require_free((Path(output), Path(plot)), (video, camera))  # the landmarks themselves may be written again
     begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()

@@ -78,6 +78,13 @@ def open_folder(path: Path) -> ImageFolder:
     batch = f"mien batch {path} tracks its videos"
     remedy = batch if videos else f"mien reads {', '.join(IMAGE_SUFFIXES)}"
     require(bool(images), f"{path} holds no images; {remedy}")
+    _warn_of_others(path, images, videos, batch)
+    return ImageFolder(path, tuple(images))
+
+
+def _warn_of_others(path: Path, images: list[Path], videos: int, batch: str) -> None:
+    """Warn if a folder is probably not meant as one video of one image a frame. videos: their number in it; batch: how
+    to track these."""
     if videos > len(images):  # and not an overlay or two of theirs
         warn(f"{path} holds {videos} videos beside the images that are read as one, {len(images)} of them; {batch}")
     stems = {file.stem for file in images}
@@ -85,7 +92,6 @@ def open_folder(path: Path) -> ImageFolder:
         warn(f"{path} holds images of the same names in several formats; each is read as a frame of its own")
     if images[0].suffix.lower() in _PAGED and cv2.imcount(str(images[0])) > 1:
         warn(f"{images[0]} holds several images, of which the first is read, as of others like it")
-    return ImageFolder(path, tuple(images))
 
 
 def list_images(folder: Path) -> list[Path]:
