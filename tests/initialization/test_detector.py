@@ -119,11 +119,13 @@ def test_what_is_dark_is_not_made_black() -> None:
     assert (darker <= values).all()
 
 
-def _far_away(corner: tuple[int, int], face_px: int = 60) -> tuple[Frame, Array]:
+def _far_away(
+    corner: tuple[int, int], face_px: int = 60, room_px: tuple[int, int] = (1280, 720)
+) -> tuple[Frame, Array]:
     """The portrait, its face this large, in a large room; and the size of the portrait over its own."""
     portrait = small_motion().frames[0]
     scale = face_px / float(np.ptp(face().landmarks.points, axis=0).max())
-    room = np.full((720, 1280, 3), 90, np.uint8)
+    room = np.full((*room_px[::-1], 3), 90, np.uint8)
     small = cv2.resize(portrait.pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     x, y = corner
     room[y : y + small.shape[0], x : x + small.shape[1]] = small
@@ -138,6 +140,14 @@ def test_a_face_that_is_small_in_the_image_is_found(face_px: int) -> None:
     assert np.abs(found.points - known).mean() < 1.5
     (once,) = detector.detect_once(frame)
     assert np.abs(once.points - known).mean() < 2.5
+
+
+@pytest.mark.parametrize("corner", [(40, 150), (300, 900)])
+def test_a_face_that_is_small_in_an_upright_image_is_found(corner: tuple[int, int]) -> None:
+    """As of a phone that is held upright; however narrow, it is shrunk by its height."""
+    frame, known = _far_away(corner, 48, (720, 1280))
+    (found,) = detector.detect(frame)
+    assert np.abs(found.points - known).mean() < 1.5
 
 
 def test_a_face_that_is_small_in_the_image_is_followed() -> None:

@@ -64,6 +64,18 @@ def test_a_grin_costs_even_where_it_is_usual() -> None:
     np.testing.assert_allclose(errors(wide, wide), 1, atol=1e-6)
 
 
+def test_shut_eyes_cost_even_where_they_are_usual() -> None:
+    """Somebody may weep for most of the looks."""
+    opening = np.ptp(face().fit.shape[[LANDMARK_VERTICES[f"left_eyelid_{lid}_mid"] for lid in ("upper", "lower")], 1])
+    eyes = float(np.linalg.norm(np.diff(face().fit.shape[EYES], axis=0)))
+    lids = [f"{side}_eyelid_upper_mid" for side in ("right", "left")]
+    shut = look(moved={lid: -0.9 * opening / eyes for lid in lids})
+    narrow = look(moved={lid: -0.3 * opening / eyes for lid in lids})
+    weeping, awake = errors(shut, shut, shut, look())[[0, 3]]
+    assert weeping > awake + 1
+    assert errors(narrow, narrow, narrow, look())[0] == pytest.approx(1, abs=1e-6)
+
+
 def test_the_rotation_of_a_look_is_measured_from_the_first() -> None:
     R, lips = face().fit.R, {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
     turned = rotation_of(look((8, -20, 5), 2.0, lips), look(), Camera(1e9, 200, 200), R)

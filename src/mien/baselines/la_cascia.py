@@ -41,7 +41,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import exp
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Estimate, Status, require_next_of
 
 ITERATIONS = 12
 SMALLEST_STEP = 5e-4
@@ -87,10 +87,12 @@ class LaCasciaTracker:
 
     def __init__(self, *, use_illumination: bool = True) -> None:
         self.use_illumination = use_illumination
+        self.size: tuple[int, int] | None = None
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Unroll the first frame, and compute its texture and its warping and illumination templates."""
         landmarks.check(frame.width, frame.height)
+        self.size = frame.width, frame.height
         fit = fit_first_frame(landmarks, camera)
         surface = cylinder(fit)
         self.head = RigidHead.from_first_frame(frame, fit, camera, surface)
@@ -107,6 +109,7 @@ class LaCasciaTracker:
 
     def track(self, frame: Frame) -> Estimate:
         """Correct the pose until the unrolled frame matches the first texture up to illumination."""
+        require_next_of(self.size, frame)
         pose = self._registered(frame, self.pose)
         if pose is None and self.status is Status.LOST:
             pose = self._registered(frame, self.head.relocate(frame))

@@ -39,7 +39,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, log
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Estimate, Status, require_next_of
 
 KEYFRAME_SPACING_DEG = 10.0
 KEYFRAMES_USED, MOST_KEYFRAMES = 2, 24
@@ -68,10 +68,12 @@ class MorencyTracker:
 
     def __init__(self, *, keyframes: bool = True) -> None:
         self.keyframes = keyframes
+        self.size: tuple[int, int] | None = None
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the ellipsoid to the face; the first frame is the first base frame, with an exactly known pose."""
         landmarks.check(frame.width, frame.height)
+        self.size = frame.width, frame.height
         fit = fit_first_frame(landmarks, camera)
         self.head = RigidHead.from_first_frame(frame, fit, camera, ellipsoid(fit))
         self.status = Status.INITIALIZED
@@ -83,6 +85,7 @@ class MorencyTracker:
 
     def track(self, frame: Frame) -> Estimate:
         """Register the frame with the base frames, fuse the results, and add a keyframe if the view is new."""
+        require_next_of(self.size, frame)
         view = look(frame, self.pose, self.head.camera)
         measured = [] if view is None else self._measure(view, self.pose, self._base_frames())
         if not measured and self.status is Status.LOST:

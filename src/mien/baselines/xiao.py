@@ -38,7 +38,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Estimate, Status, require_next_of
 
 LEAST_CORRELATION = 0.7
 """Correlation below which a frame does not match the template."""
@@ -60,10 +60,12 @@ class XiaoTracker:
 
     def __init__(self, *, reregister: bool = True) -> None:
         self.reregister = reregister
+        self.size: tuple[int, int] | None = None
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the cylinder to the face; its appearance is the template and the first reference."""
         landmarks.check(frame.width, frame.height)
+        self.size = frame.width, frame.height
         fit = fit_first_frame(landmarks, camera)
         self.head = RigidHead.from_first_frame(frame, fit, camera, cylinder(fit))
         self.pose, self.status = self.head.first, Status.INITIALIZED
@@ -73,6 +75,7 @@ class XiaoTracker:
 
     def track(self, frame: Frame) -> Estimate:
         """Register with the last frame, then with the nearest reference, and update the template."""
+        require_next_of(self.size, frame)
         view = look(frame, self.pose, self.head.camera)
         found = None if view is None else self._register(self.template, view, self.pose, LEAST_CORRELATION)
         if found is None and self.status is Status.LOST:

@@ -243,7 +243,7 @@ class _Finder:
         """Candidate places of faces: in the whole frame, and in the quarters of a large frame if there is none or
         `everywhere` is set."""
         places = self._places_in(frame.pixels, np.zeros(2))
-        if (everywhere or not places) and frame.width > _LARGE_PX:
+        if (everywhere or not places) and max(frame.width, frame.height) > _LARGE_PX:
             height, width = (math.ceil(_QUARTER * side) for side in (frame.height, frame.width))
             for y, x in product((0, frame.height - height), (0, frame.width - width)):
                 places += self._places_in(frame.pixels[y : y + height, x : x + width], np.array([x, y]))

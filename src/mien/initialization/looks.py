@@ -30,6 +30,9 @@ PER_WIDTH, WIDEST_MOUTH = 8.0, 0.66
 """Penalty on the width of a mouth beyond that of one that does not grin, in units of the distance between the eyes: the
 animation counts from the face that is learned, and from a grin a neutral face would be a frown. In recordings of twelve
 people neutral mouths are 0.49 to 0.60 wide, grins 0.74 to 0.78."""
+PER_SHUT, HALF_OPEN = 6.0, 0.5
+"""Penalty on eyes that are less open than half of the widest of the looks, as a fraction of these: somebody may weep or
+blink in most of the looks, but what eyes look like can only be learned where they are open."""
 PER_DISAGREEMENT, USUAL_DISAGREEMENT = 400.0, 0.0022
 """Penalty on how far the detections in copies of a look disagree, see `Landmarks`, beyond what is usual: faces
 that are partly covered are detected all the same, with an invented part. In looks at six people the median is 0.0016,
@@ -46,6 +49,7 @@ _NAMES = tuple(name for name in LANDMARK_NAMES if name in rows_by_name("mediapip
 _UPPER = np.array(["brow" in name or "eyelid" in name for name in _NAMES])
 _LOWER = np.array(["lip" in name or "mouth" in name for name in _NAMES])
 _MOUTH_CORNERS = [_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
+_LIDS = [[_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
 _RIGID = ~(_UPPER | _LOWER)
 
 
@@ -84,6 +88,8 @@ def expected_errors(looks: Sequence[Landmarks], details: Sequence[float], camera
     missing = np.maximum(LEAST_DETAIL - sharpness / max(float(np.median(sharpness)), 1e-6), 0)
     errors[facing] = 1 + PER_DEGREE * turned[facing] + PER_UPPER * upper + PER_LOWER * lower + PER_DETAIL * missing
     errors[facing] += PER_WIDTH * np.maximum(width - max(WIDEST_MOUTH, width.min()), 0)
+    gap = np.linalg.norm(moved[:, _LIDS[0]] - moved[:, _LIDS[1]], axis=2).mean(axis=1)
+    errors[facing] += PER_SHUT * np.maximum(HALF_OPEN - gap / gap.max(), 0)
     return errors
 
 

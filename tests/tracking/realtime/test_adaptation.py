@@ -174,3 +174,23 @@ def test_a_face_that_looks_otherwise_when_it_has_turned_is_followed() -> None:
     assert sure[turned].mean() > 0.5 > unsure[turned].mean()
     assert sure[turned].max() < sure[:10].min()  # what is learned on the way is less certain
     assert sure[-1] > 0.95
+
+
+def test_what_comes_before_an_eye_for_a_moment_is_not_learned() -> None:
+    """The face turns aside and stays; then something passes before one eye, again and again, for two frames each."""
+    angles = np.zeros((FRAMES, 3))
+    angles[:, 1] = np.minimum(0.4 * np.arange(FRAMES), 12.0)
+    state = moved(face(), angles, np.zeros((FRAMES, 3)), np.zeros((FRAMES, 6)))
+    eye = [i for i in EYES if "left" in LANDMARK_NAMES[i]]
+    points = make_sequence(face(), state).landmarks[60][eye]
+    (x0, y0), (x1, y1) = points.min(axis=0) - 8, points.max(axis=0) + 8
+    place = (round(float(x0)), round(float(y0)), round(float(x1)), round(float(y1)))
+    covered = {first + k: place for first in (60, 90, 120) for k in range(2)}
+    tracker = RealtimeTracker()
+    for frame in make_sequence(face(), state, noise_sd=1, occluders=covered).frames:
+        if frame.index:
+            tracker.track(frame)
+        else:
+            tracker.initialize(frame, face().landmarks, face().camera)
+    assert not tracker.person.adaptation.offset(tracker.pose.angles)[eye].any()
+    assert tracker.person.spectacles_evidence < SPECTACLES

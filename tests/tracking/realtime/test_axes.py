@@ -17,6 +17,7 @@ from mien.output.track import Track
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.axes import HeadAxes
 from mien.tracking.realtime.shape import ShapePosterior
+from mien.tracking.realtime.solution import Pose
 from small_motion import face
 
 SETTINGS = RealtimeSettings()
@@ -42,7 +43,7 @@ def _axes(tracker: RealtimeTracker, lean_deg: Array, settings: RealtimeSettings 
     shape.mean = shape.start @ exp(np.radians(np.append(lean_deg, 0.0))).T
     t = tracker.fit.t
     fit = replace(tracker.fit, R=ray_rotation(t) @ FACING, turn=np.eye(3))
-    return HeadAxes(fit, fit.R, t, shape, settings)
+    return HeadAxes(fit, Pose(fit.R, t, fit.animation), shape, settings)
 
 
 def test_a_shape_as_in_the_first_frame_leaves_the_axes(tracker: RealtimeTracker) -> None:

@@ -11,8 +11,9 @@ import pytest
 
 from mien.arrays import Array, Float32, Mask, Pixels
 from mien.config import RealtimeSettings
+from mien.errors import MienWarning
 from mien.frame import Frame
-from mien.initialization.landmarks import LANDMARK_NAMES
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.eyes import closing_of
@@ -131,6 +132,19 @@ def _tilt_deg(estimates: list[Estimate]) -> Array:
     truth = _blinking().R
     wrong = np.swapaxes(truth @ truth[0].T, 1, 2) @ R @ R[0].T
     return np.asarray(np.degrees(wrong[:, 2, 1]))
+
+
+def test_eyes_whose_landmarks_are_shut_say_nothing_of_their_closing() -> None:
+    """Also where what is between the lids, as lashes, looks like an eye."""
+    points = _blinking().landmarks[0].copy()
+    for side in ("right", "left"):
+        upper, lower = (LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for lid in ("upper", "lower"))
+        points[upper] = points[lower] - [0, 1]
+    tracker = RealtimeTracker()
+    with pytest.warns(MienWarning, match="the eyes are shut"):
+        first_estimate = tracker.initialize(_blinking().frames[0], Landmarks(points, "candide26"), face().camera)
+    assert first_estimate.closing is None
+    assert tracker.track(_blinking().frames[1]).closing is None
 
 
 def test_where_the_face_is_lost_nothing_is_remembered_of_its_eyes() -> None:

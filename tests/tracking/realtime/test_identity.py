@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mien.geometry.rotation import FACING
 from mien.synthetic import make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.identity import Identity, _is_same, _updated, familiarity
@@ -13,10 +12,10 @@ from small_motion import face
 
 
 def test_a_stranger_differs_everywhere_and_a_grimace_in_places() -> None:
-    assert familiarity(np.full(26, 55.0), FACING, FACING) < 0.01
-    assert familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING) > 0.9
-    assert familiarity(np.full(26, 10.0), FACING, FACING) > 0.99
-    assert familiarity(np.zeros(0), FACING, FACING) == 0  # nothing is seen
+    assert familiarity(np.full(26, 55.0), 0.0) < 0.01
+    assert familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), 0.0) > 0.9
+    assert familiarity(np.full(26, 10.0), 0.0) > 0.99
+    assert familiarity(np.zeros(0), 0.0) == 0  # nothing is seen
 
 
 def test_identity_is_recognised_soon_and_doubted_slowly() -> None:
@@ -59,6 +58,24 @@ def test_it_is_steady_where_it_is_known_and_as_twelve_frames_ago() -> None:
     identity.update(1.0, (0.5, 1.0), lambda: 0.0)  # a cut
     assert identity.is_doubted
     assert not identity.is_steady
+
+
+@pytest.mark.parametrize("frames", [5, 30])
+@pytest.mark.parametrize("entering", [8, 12])
+def test_a_known_face_is_known_again_when_what_covered_it_goes(frames: int, entering: int) -> None:
+    """Something comes before a face that no longer looks as in the first frame, and goes at once."""
+    rng = np.random.default_rng(0)
+    covered, bare = rng.normal(0, 40, (2, 30, 49)).astype(np.float32)
+    identity = Identity(np.ones(30))
+    identity.probability = 0.9
+    shares = [0.0] * 20 + np.linspace(0, 1, entering).tolist() + [1.0] * frames + [0.0] * 30
+    for share in shares:
+        patches = share * covered + (1 - share) * bare
+        norms = np.linalg.norm(patches, axis=1).astype(np.float64)
+        agreements = identity.patches.add(patches, norms, np.ones(30))
+        if len(identity.patches.frames) > 1:
+            identity.update(0.0, agreements, lambda: 1.0)
+    assert identity.probability > 0.75  # doubted by a five-hundredth a frame
 
 
 @pytest.mark.parametrize(("surroundings", "known"), [(1.0, True), (0.5, False)])

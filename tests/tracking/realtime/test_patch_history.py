@@ -59,6 +59,20 @@ def test_a_face_that_was_covered_matches_what_was_kept_once() -> None:
     assert matches(FACE, FACE) == [True, False]
 
 
+def test_a_face_that_matched_is_not_compared_with_what_covered_it() -> None:
+    history = PatchHistory(SEEN)
+    for _ in range(13):
+        add(history, FACE)
+    add(history, OTHER)
+    history.keep()
+    for _ in range(30):
+        add(history, OTHER)
+    add(history, FACE)
+    assert history.matches_kept(0.85)
+    for _ in range(20):
+        assert min(add(history, FACE)) > 0.9
+
+
 def test_what_is_dropped_is_not_matched() -> None:
     history = PatchHistory(SEEN)
     add(history, FACE)

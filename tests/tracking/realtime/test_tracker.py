@@ -12,7 +12,10 @@ import pytest
 from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown, with_spectacles
 from mien.appearance.regression import PoseRegression
 from mien.arrays import Array
+from mien.baselines.la_cascia import LaCasciaTracker
 from mien.baselines.lefevre import LefevreTracker
+from mien.baselines.morency import MorencyTracker
+from mien.baselines.xiao import XiaoTracker
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.errors import MienError
@@ -47,7 +50,9 @@ def test_the_face_is_followed(estimates: list[Estimate]) -> None:
     assert [(e.index, e.time) for e in estimates] == [(f.index, f.time) for f in sequence().frames]
 
 
-@pytest.mark.parametrize("new", [RealtimeTracker, PaperTracker, LefevreTracker])
+@pytest.mark.parametrize(
+    "new", [RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker]
+)
 def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], Tracker]) -> None:
     """They would be tracked, at angles that are wrong by tens of degrees."""
     tracker = new()

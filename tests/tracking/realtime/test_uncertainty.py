@@ -10,7 +10,7 @@ from hypothesis import given
 
 from mien.appearance.views import rotation
 from mien.arrays import Array
-from mien.geometry.rotation import FACING, exp, log
+from mien.geometry.rotation import FACING, exp, log, ray_rotation
 from mien.tracking.realtime.identity import familiarity
 from mien.tracking.realtime.uncertainty import (
     ACROSS_SD,
@@ -40,36 +40,43 @@ ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
 STILL = np.zeros(6)
-FAMILIAR = familiarity(PERFECT, FACING, FACING)
+FAMILIAR = familiarity(PERFECT, 0.0)
 AXES_SD = np.radians([2.0, 1.3, 0.7])
 SCALED_AXES = AXES_SD * AXES_SCALE
 AHEAD = np.array([0.0, 0.0, 1.0])
 FIRST = Reference(FACING, AHEAD, AXES_SD)
 
 
+def view(R: Array) -> Array:
+    """From where a head on the optical axis is seen."""
+    return np.asarray(R.T @ AHEAD)
+
+
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD), NOISE + ACROSS)
+    np.testing.assert_allclose(
+        state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD), NOISE + ACROSS
+    )
 
 
 def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
     R = rotation(0, 0.5, 0)
-    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, STILL, FIRST, RELIEF_SD)
-    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, STILL, FIRST, RELIEF_SD)
+    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
+    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
     np.testing.assert_allclose(misfit - perfect, NOISE, atol=1e-15)
 
 
 def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
-    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, STILL, FIRST, RELIEF_SD)
-    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD)
+    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, view(FACING), STILL, FIRST, RELIEF_SD)
+    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD)
     np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
-    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, STILL, FIRST, RELIEF_SD)).all()
+    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD)).all()
 
 
 def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() -> None:
     """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before."""
     moved = np.array([0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
-    still = state_covariance(SPREAD, PERFECT, 1.0, FACING, STILL, FIRST, RELIEF_SD)
-    expression = state_covariance(SPREAD, PERFECT, 1.0, FACING, moved, FIRST, RELIEF_SD)
+    still = state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD)
+    expression = state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), moved, FIRST, RELIEF_SD)
     of_brows = np.array([0, 0, 0, 1, 0, 1]) * (0.5 * UNIT_SCALE) ** 2
     np.testing.assert_allclose(expression - still, np.diag([0.0] * 6 + of_brows.tolist()), atol=1e-15)
 
@@ -77,10 +84,10 @@ def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() ->
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
     first = Reference(R_first, AHEAD, AXES_SD)
-    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, STILL, first, RELIEF_SD)
+    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, first, RELIEF_SD)
     assert np.linalg.eigvalsh(covariance - NOISE).min() > -1e-12
-    there = state_covariance(SPREAD, PERFECT, 1.0, R_first, STILL, first, RELIEF_SD)
-    across = ACROSS_TURNED_SD**2 * (1 - (R[:, 2] @ R_first[:, 2]) ** 2)
+    there = state_covariance(SPREAD, PERFECT, 1.0, R_first, view(R_first), STILL, first, RELIEF_SD)
+    across = ACROSS_TURNED_SD**2 * (1 - (view(R) @ view(R_first)) ** 2)
     turned = np.diag([across, across, 0.0] + [0.0] * 6)
     np.testing.assert_allclose(covariance[3:, 3:], there[3:, 3:] + turned, atol=1e-15)
 
@@ -90,29 +97,41 @@ def test_systematic_covariance_by_hand() -> None:
     turn with it, those wrong in pan stay so. Of roll: not out of the plane, and the other two turn."""
     relief = RELIEF_VARIANCE * np.sin(0.5) ** 2
     apart = 2 * (1 - np.cos(0.5))  # the length of the difference of an axis that turns and where it was, squared
-    panned = systematic_covariance(rotation(0, 0.5, 0), FIRST, RELIEF_SD)
+    pan = rotation(0, 0.5, 0)
+    panned = systematic_covariance(pan, view(pan), FIRST, RELIEF_SD)
     assert np.trace(panned) == pytest.approx(relief + apart * (SCALED_AXES[[0, 2]] ** 2).sum())
     assert panned[1, 1] == pytest.approx(relief)
-    rolled = systematic_covariance(rotation(0, 0, 0.5), FIRST, RELIEF_SD)
+    roll = rotation(0, 0, 0.5)
+    rolled = systematic_covariance(roll, view(roll), FIRST, RELIEF_SD)
     assert np.trace(rolled) == pytest.approx(apart * (SCALED_AXES[:2] ** 2).sum())
-    np.testing.assert_allclose(systematic_covariance(FACING, FIRST, RELIEF_SD), 0, atol=1e-15)
+    np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), FIRST, RELIEF_SD), 0, atol=1e-15)
+
+
+def test_a_face_that_crosses_the_image_is_seen_from_elsewhere_and_one_that_follows_the_camera_is_not() -> None:
+    """A face that looks straight ahead is seen from the side at the border of the image, without a rotation, and one
+    that goes on looking into the camera never is."""
+    to_the_side, no_axes = np.array([math.sin(0.5), 0.0, math.cos(0.5)]), Reference(FACING, AHEAD, np.zeros(3))
+    ahead = systematic_covariance(FACING, FACING.T @ to_the_side, no_axes, RELIEF_SD)
+    np.testing.assert_allclose(ahead, np.diag([0.0, RELIEF_VARIANCE * math.sin(0.5) ** 2, 0.0]), atol=1e-15)
+    R = ray_rotation(to_the_side) @ FACING
+    np.testing.assert_allclose(systematic_covariance(R, R.T @ to_the_side, no_axes, RELIEF_SD), 0, atol=1e-15)
 
 
 def test_what_graphics_cover_in_the_first_frame_makes_turns_less_certain() -> None:
     R, no_axes = exp(np.array([0.0, 0.4, 0.0])) @ FACING, np.zeros(3)
     clear, covered = (Reference(FACING, AHEAD, no_axes, share) for share in (0.0, 0.6))
-    assert systematic_covariance(R, clear, 0.0)[1, 1] == 0
-    sd = np.sqrt(systematic_covariance(R, covered, 0.0)[1, 1])
+    assert systematic_covariance(R, view(R), clear, 0.0)[1, 1] == 0
+    sd = np.sqrt(systematic_covariance(R, view(R), covered, 0.0)[1, 1])
     assert sd == pytest.approx(GRAPHICS_SCALE * 0.6 * np.sin(0.4))
-    np.testing.assert_allclose(systematic_covariance(FACING, covered, 0.0), 0, atol=1e-12)
+    np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), covered, 0.0), 0, atol=1e-12)
 
 
 def test_beyond_fifty_degrees_the_turn_is_less_certain_by_its_cosine() -> None:
     no_axes = Reference(FACING, AHEAD, np.zeros(3))
     shares = [
-        math.sqrt(systematic_covariance(rotation(0, math.radians(pan), 0), no_axes, 0.0)[1, 1])
-        / math.sin(math.radians(pan))
+        math.sqrt(systematic_covariance(R, view(R), no_axes, 0.0)[1, 1]) / math.sin(math.radians(pan))
         for pan in (49.0, 60.0, 75.0)
+        for R in [rotation(0, math.radians(pan), 0)]
     ]
     drops = [max(math.cos(math.radians(50)) - math.cos(math.radians(pan)), 0) for pan in (49.0, 60.0, 75.0)]
     np.testing.assert_allclose(shares, FAR_SCALE * np.array(drops), atol=1e-12)
@@ -124,21 +143,22 @@ def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first
     small = 1e-5
     turn = np.cross(AHEAD, R @ R_first.T @ AHEAD)
     aside = TURNED_SCALE**2 * (1 - R_first[2, 2] ** 2)  # of a face that the first frame shows from the side
-    far = (FAR_SCALE * max(FAR_COSINE - R[:, 2] @ R_first[:, 2], 0)) ** 2
+    far = (FAR_SCALE * max(FAR_COSINE - view(R) @ view(R_first), 0)) ** 2
     expected = (RELIEF_VARIANCE + aside + far) * np.outer(turn, turn)
     for d in np.diag(small * SCALED_AXES):
         turned = (R_first @ exp(d)).T @ (R @ exp(d)) @ (R_first.T @ R).T
         w = R_first @ log(turned) / small
         expected += np.outer(w, w)
     np.testing.assert_allclose(
-        systematic_covariance(R, Reference(R_first, AHEAD, AXES_SD), RELIEF_SD), expected, atol=1e-7
+        systematic_covariance(R, view(R), Reference(R_first, AHEAD, AXES_SD), RELIEF_SD), expected, atol=1e-7
     )
 
 
 @given(head_rotations(), head_rotations(), rotation_vectors())
 def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
-    here = systematic_covariance(R, Reference(R_first, AHEAD, AXES_SD), RELIEF_SD)
-    there = systematic_covariance(exp(v) @ R, Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD), RELIEF_SD)
+    here = systematic_covariance(R, view(R), Reference(R_first, AHEAD, AXES_SD), RELIEF_SD)
+    first = Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD)
+    there = systematic_covariance(exp(v) @ R, view(R), first, RELIEF_SD)
     np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
 
 
@@ -149,7 +169,7 @@ def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:
     assert hidden == sorted(hidden, reverse=True)
     assert confidence(1e-4 * np.eye(12), 1.0, FAMILIAR) > 0.99
     assert hidden[-1] < 0.05
-    assert confidence(1e9 * np.eye(12), 0.0, familiarity(np.zeros(0), FACING, FACING)) == 0
+    assert confidence(1e9 * np.eye(12), 0.0, familiarity(np.zeros(0), 0.0)) == 0
 
 
 def test_what_looks_strange_and_came_suddenly_is_hidden() -> None:
@@ -169,15 +189,15 @@ def test_what_looks_strange_and_came_suddenly_is_hidden() -> None:
 
 
 def test_landmarks_that_all_look_wrong_are_somebody_else() -> None:
-    stranger = familiarity(np.full(26, 55.0), FACING, FACING)
+    stranger = familiarity(np.full(26, 55.0), 0.0)
     assert confidence(1e-5 * np.eye(12), 1.0, stranger) < 0.01
-    grimace = familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), FACING, FACING)
+    grimace = familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), 0.0)
     assert confidence(1e-5 * np.eye(12), 1.0, grimace) > 0.9
 
 
 def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
     """A grimace looks like somebody else."""
-    grimace = familiarity(np.full(26, 55.0), FACING, FACING)
+    grimace = familiarity(np.full(26, 55.0), 0.0)
     believed = [confidence(1e-5 * np.eye(12), 0.5, grimace, known) for known in (0, 0.5, 1)]
     np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
     assert confidence(1e-5 * np.eye(12), 0.1, grimace, 1.0) < 0.05  # hardly anything is seen

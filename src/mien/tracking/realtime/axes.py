@@ -21,6 +21,7 @@ from mien.config import RealtimeSettings
 from mien.geometry.rotation import exp
 from mien.initialization.fit import FirstFrame, most_likely_facing
 from mien.tracking.realtime.shape import ShapePosterior
+from mien.tracking.realtime.solution import Pose
 from mien.tracking.realtime.uncertainty import Reference
 
 _SD_DEG = (3.0, 1.25, 0.8)
@@ -39,16 +40,15 @@ class HeadAxes:
     def __init__(
         self,
         fit: FirstFrame,
-        R: Array,
-        t: Array,
+        pose: Pose,
         shape: ShapePosterior,
         settings: RealtimeSettings,
         covered: float = 0.0,
     ) -> None:
-        """R, t: pose of the model in the first frame; covered: share of the landmarks that graphics cover there."""
+        """pose: of the model in the first frame; covered: share of the landmarks that graphics cover there."""
         self.fit = fit
-        self.first = Reference(R, t / np.linalg.norm(t), fit.axes_sd, covered)
-        self.reported = R
+        self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered)
+        self.reported = pose.R
         self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
         self.turn = np.eye(3)
         self._lean = np.zeros(2)

@@ -72,17 +72,16 @@ class Identity:
             self._when_covered = self.probability
             self.patches.keep(_may_be_covered(agreements[0], surroundings()))
         elif self.probability < _KNOWN and self.patches.matches_kept(_SAME_LATER):
-            self.probability = self._when_covered
+            self.probability, same = self._when_covered, True
         self.probability = _updated(self.probability, familiar, same)
 
 
-def familiarity(d2: Array, R: Array, R_first: Array) -> float:
-    """Probability that a face at a rotation R (3, 3) looks like that of the first frame, at R_first, by the squared
+def familiarity(d2: Array, turn: float) -> float:
+    """Probability that a face which has turned by `turn`, radians, looks like that of the first frame, by the squared
     distances d2 (n,) of the landmarks that face the camera."""
     if not len(d2):
         return 0.0
     stranger, by_turn, width = _STRANGER
-    turn = math.acos(min(max(float(R[:, 2] @ R_first[:, 2]), -1.0), 1.0))
     best_quarter = sorted(d2.tolist())[len(d2) // 4]
     return logistic((stranger + by_turn * turn - best_quarter) / width)
 

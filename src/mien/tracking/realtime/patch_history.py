@@ -70,13 +70,15 @@ class PatchHistory:
         self.kept = self.frames[0] if wanted else None
 
     def matches_kept(self, least: float) -> bool:
-        """Whether the median correlation of the last frame with the patches that were kept exceeds `least`. What
-        matches is dropped."""
+        """Whether the median correlation of the last frame with the patches that were kept exceeds `least`. If so, the
+        frames between are forgotten, in which something covered the face."""
         if self.kept is None:
             return False
         now = self.frames[-1]
         matches: bool = _agreement(self.kept, now, self.distinctive, now[2])[1] > least
         if matches:
+            self.frames = deque([self.kept, now], maxlen=LOOK_BACK + 1)
+            self.later = deque([1.0], maxlen=_LASTING)
             self.kept = None
         return matches
 

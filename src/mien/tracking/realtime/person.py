@@ -47,6 +47,9 @@ _STEP_INFORMATION = np.repeat([1e-6, 1 / 0.3**2], 6)
 """Information of the pose step itself where it is marginalised: none of the rigid part, little of the animation."""
 _SAME_PATCH = 0.9
 """Agreement (see `PatchHistory`) above which a patch has moved with the face."""
+_SHUT = 0.13
+"""Height of open eyes over their width below which they are shut: 0.04 to 0.12 in frames of shut eyes, from 0.16 on in
+others, wide ones 0.5."""
 _SPECTACLES_TURN_DEG = (3.0, 14.0)
 """Turns from the first frame at which spectacles can be told: nearer to it everything looks as it did there, and
 further away everybody's eyes look strange."""
@@ -63,7 +66,7 @@ class Person:
     error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; eyes, mouth,
     indistinct: (n,) which landmarks belong to the eyes, to mouth and chin, whose appearance changes as they move, and
     which look alike on all faces; spectacles_evidence: logarithm of how much stranger the eyes look than the rest of a
-    turned face, as a ratio of distances.
+    turned face, as a ratio of distances; learned_shut: whether the eyes were shut in the first frame.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class Person:
         self.least_variance = np.where(self.temples, s.temple_sd, s.location_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
+        self.learned_shut = _opening(face.neutral) < _SHUT
 
     @property
     def arrays(self) -> PersonArrays:
@@ -114,8 +118,13 @@ class Person:
         return X
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
-        """How far the eyes have closed. before: the last frame's."""
-        return closing_of(solution.at.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
+        """How far the eyes have closed; None where that is not known, also if they were shut when they were learned.
+        before: the last frame's."""
+        return (
+            None
+            if self.learned_shut
+            else closing_of(solution.at.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
+        )
 
     def adapted_offset(self, level: Level, pose: Pose) -> Float32:
         """What adaptation adds to the means (n, 128) of a level at a pose."""
@@ -160,7 +169,8 @@ class Person:
         s = self.settings
         low, high = _SPECTACLES_TURN_DEG
         if low < self._turned_deg(solution) < high:
-            eyes, others = (solution.misfit_of(solution.facing & of) for of in (self.eyes, ~self.eyes))
+            seen = solution.facing & (agreement > _SAME_PATCH)
+            eyes, others = (solution.misfit_of(seen & of) for of in (self.eyes, ~self.eyes))
             if 0 < eyes < math.inf and 0 < others < math.inf:
                 self.spectacles_evidence += s.spectacles_rate * (math.log(eyes / others) - self.spectacles_evidence)
         least = s.strange_distance if self.spectacles_evidence < SPECTACLES else s.spectacles_distance
@@ -214,6 +224,17 @@ def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float,
             if of[i]:
                 means[i, k] += rate * (values[i] - means[i, k])
             means[i, k] = max(means[i, k], least)
+
+
+def _opening(points: Array) -> float:
+    """Height of the eyes over their width, mean of both, where the landmarks of `TRACKED` are (n, 3)."""
+    at = dict(zip(TRACKED, points, strict=True))
+    shares = [
+        math.dist(at[f"{side}_eyelid_upper_mid"], at[f"{side}_eyelid_lower_mid"])
+        / math.dist(at[f"{side}_eye_outer_corner"], at[f"{side}_eye_inner_corner"])
+        for side in ("right", "left")
+    ]
+    return sum(shares) / 2
 
 
 def _masked_mean(values: Float32, of: Mask) -> float:

@@ -45,6 +45,16 @@ class Pose:
         ray, angles = pose_geometry.viewing_angles(CENTRE, self.arrays[0], self.t)
         return ray, angles
 
+    @cached_property
+    def line_of_sight(self) -> Array:
+        """(3,) unit vector to the origin of the head's axes, camera axes."""
+        return np.asarray(self.t / math.sqrt(float(self.t @ self.t)))
+
+    @cached_property
+    def view(self) -> Array:
+        """(3,) the same in head axes: from where the head is seen."""
+        return np.asarray(self.R.T @ self.line_of_sight)
+
     @property
     def ray(self) -> Array:
         """(3, 3) rotation from the optical axis to the middle of the face."""

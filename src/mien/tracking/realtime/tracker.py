@@ -114,9 +114,9 @@ class RealtimeTracker:
         self.lost_frames = self.strange_frames = self.doubted_frames = self.strange_mouth_frames = 0
         settled = self._refine_first_pose(frame)
         covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
-        self.axes = HeadAxes(self.fit, self.pose.R, self.pose.t, self.person.shape, s, covered)
+        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s, covered)
         self.landmark_offsets = self._landmark_offsets(landmarks)
-        familiar = familiarity(settled.distinctive_d2, self.pose.R, self.axes.first.R)
+        familiar = self._familiarity(settled)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
     def _refine_first_pose(self, frame: Frame) -> Solution:
@@ -124,7 +124,7 @@ class RealtimeTracker:
         for _ in range(3):
             view, solution = self.solver.refine(frame, self._prediction(self.pose))
             self.pose = solution.pose
-        self.prior.R_first, self.first_animation = self.pose.R, self.pose.animation
+        self.prior.view, self.first_animation = self.pose.view, self.pose.animation
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         if self.closing is None:
@@ -162,17 +162,22 @@ class RealtimeTracker:
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head keeps moving, an expression does not
         self.pose, self.lost_frames = solution.pose, 0
-        familiar = familiarity(solution.distinctive_d2, self.pose.R, self.axes.first.R)
+        familiar = self._familiarity(solution)
+        agreements = self._remember(frame, view, solution)
         if familiar > FAMILIAR and not self._misfits(solution):
             if self.person.learn(solution, self.identity.patches.agreement):
                 self.axes.learn(self.person.shape)
             if self.keyframes.is_new(self.pose.R):
                 self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
-        agreements = self._remember(frame, view, solution)
         self.identity.update(familiar, agreements, lambda: self._surroundings(frame))
         if status is Status.TRACKED and self.identity.is_steady:
             self.person.learn_view(solution, self.identity.patches.agreement)
         return self._estimate(frame, status, solution, familiar)
+
+    def _familiarity(self, solution: Solution) -> float:
+        """`familiarity` of a solution that is the present pose."""
+        cosine = float(self.pose.view @ self.axes.first.view)
+        return familiarity(solution.distinctive_d2, math.acos(min(max(cosine, -1.0), 1.0)))
 
     def _surroundings(self, frame: Frame) -> float:
         """Correlation of the surroundings of the face with those of twelve frames ago."""
@@ -378,8 +383,9 @@ class RealtimeTracker:
         relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
         covariance = state_covariance(
-            solution.step_covariance, d2, share, self.pose.R, moved, self.axes.first, relief_sd, learned
-        )
+            solution.step_covariance, d2, share, self.pose.R, self.pose.view, moved, self.axes.first,
+            relief_sd, learned,
+        )  # fmt: skip
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(
             frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),

@@ -87,9 +87,14 @@ class Reference:
         return np.asarray(self.axes_sd * AXES_SCALE)
 
     @cached_property
+    def view(self) -> Array:
+        """(3,) the ray in head axes: from where the first frame sees the face."""
+        return np.asarray(self.R.T @ self.ray)
+
+    @cached_property
     def obliqueness(self) -> float:
         """Sine of the angle from which the first frame sees the face."""
-        return math.sqrt(turn_squared(self.R, ray_rotation(self.ray)))
+        return math.sqrt(max(0.0, 1 - float(self.R[:, 2] @ ray_rotation(self.ray)[:, 2]) ** 2))
 
 
 def state_covariance(
@@ -97,6 +102,7 @@ def state_covariance(
     d2: Array,
     seen: float,
     R: Array,
+    view: Array,
     moved: Array,
     first: Reference,
     relief_sd: float,
@@ -105,12 +111,11 @@ def state_covariance(
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3), with units that have moved by
     `moved` (6,) since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first
-    frame's, a likewise, and t has the unit of length of the fitted face. relief_sd, learned: see
+    frame's, a likewise, and t has the unit of length of the fitted face. view, relief_sd, learned: see
     `systematic_covariance`."""
-    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * turn_squared(R, first.R)
-    covariance: Array = _total_covariance(
-        frame_variance(d2, seen), spread, across, systematic_covariance(R, first, relief_sd, learned), moved
-    )
+    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(view @ first.view) ** 2)
+    systematic = systematic_covariance(R, view, first, relief_sd, learned)
+    covariance: Array = _total_covariance(frame_variance(d2, seen), spread, across, systematic, moved)
     return covariance
 
 
@@ -142,49 +147,36 @@ def frame_variance(d2: Array, seen: float) -> float:
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
-def systematic_covariance(R: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
+def systematic_covariance(R: Array, view: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
-    head's axes. A relief that is too deep along the first frame's ray turns too little, by a share with standard
-    deviation relief_sd, about the axis of the turn out of that frame's image plane. So does a face of which that frame
-    shows one side only or a part, one that has turned far, and one whose appearance was, by a share `learned`, learned
-    where the tracker believed it to be in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which
-    the first frame has first.R d."""
-    far = FAR_SCALE * max(FAR_COSINE - turn_cosine(R, first.R), 0.0)
+    head's axes. view: (3,) from where the head is seen, `Pose.view`. A relief that is too deep along the first frame's
+    view turns too little, by a share with standard deviation relief_sd, about the axis that is perpendicular to both
+    views: also where a head crosses the image without a rotation. So does a face of which the first frame shows one
+    side only or a part, one that has turned far, and one whose appearance was, by a share `learned`, learned where the
+    tracker believed it to be in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first
+    frame has first.R d."""
+    far = FAR_SCALE * max(FAR_COSINE - float(view @ first.view), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
     share = math.hypot(RELIEF_SCALE * relief_sd, shown, LEARNED_SCALE * learned, far)
-    covariance: Array = _of_relief_and_axes(R, first.R, first.ray, first.scaled_axes_sd, share)
+    covariance: Array = _of_relief_and_axes(R, view, first.R, first.view, first.scaled_axes_sd, share)
     return covariance
 
 
 @kernel()
-def _of_relief_and_axes(R: Any, R_first: Any, ray: Any, axes_sd: Any, share: float) -> Any:
+def _of_relief_and_axes(R: Any, view: Any, R_first: Any, first_view: Any, axes_sd: Any, share: float) -> Any:
     """`systematic_covariance`, with the share by which the turn is too large or too small."""
-    turned = np.empty(3)  # where the head has what the first frame's ray met
-    for i in range(3):
-        turned[i] = 0.0
-        for k in range(3):
-            turned[i] += R[i, k] * (R_first[0, k] * ray[0] + R_first[1, k] * ray[1] + R_first[2, k] * ray[2])
-    out, turn = np.empty((3, 3)), np.empty(3)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        turn[i] = share * (ray[j] * turned[k] - ray[k] * turned[j])
+    out, turn = np.empty((3, 3)), np.zeros(3)
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        across = share * (view[m] * first_view[n] - view[n] * first_view[m])
+        for i in range(3):
+            turn[i] += R[i, k] * across
     for i in range(3):
         for j in range(3):
             out[i, j] = turn[i] * turn[j]
             for k in range(3):
                 out[i, j] += (R[i, k] - R_first[i, k]) * (R[j, k] - R_first[j, k]) * axes_sd[k] * axes_sd[k]
     return out
-
-
-def turn_squared(R: Array, R_first: Array) -> float:
-    """Squared sine of the turn of the face out of the image plane between two rotations (3, 3)."""
-    return max(0.0, 1 - turn_cosine(R, R_first) ** 2)
-
-
-def turn_cosine(R: Array, R_first: Array) -> float:
-    """Cosine of that turn."""
-    (x, y, z), (a, b, c) = R[:, 2].tolist(), R_first[:, 2].tolist()  # at a third of the time of NumPy's product
-    return float(a * x + b * y + c * z)
 
 
 def confidence(covariance: Array, seen: float, familiar: float, known: float = 0.0) -> float:
