@@ -17,7 +17,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization import detector
-from mien.initialization.landmarks import Landmarks
+from mien.initialization.landmarks import Landmarks, Point
 from mien.start import search
 from mien.tracking.state import Estimate, Status
 from mien.video import FOLDER_FPS
@@ -177,10 +177,30 @@ def test_an_interruption_of_a_compiled_function_is_one(folder: Path, monkeypatch
     assert raised.value is not within  # which would be its own cause
 
 
+def test_the_face_at_a_point_is_learned(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also anew, after it was lost."""
+    asked: list[Point | None] = []
+
+    def detect(frame: Frame, at: Point | None) -> list[Landmarks]:
+        asked.append(at)
+        return [known_portrait().landmarks] * (frame.index >= SEEN.start)
+
+    monkeypatch.setattr(detector, "detect_once", detect)
+    learned = [
+        e.index for _, e in mien.stream(folder, face=(200, 100), anew_after=0.18) if e.status is Status.INITIALIZED
+    ]
+    assert len(learned) > 1
+    assert set(asked) == {(200.0, 100.0)}
+    with pytest.raises(MienError, match="outside the image"):
+        next(mien.stream(folder, face=(320, 100)))
+
+
 def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     for wrong in (np.nan, -1.0, "2", None):
         with pytest.raises(MienError, match="anew_after is"):
             mien.stream(tmp_path, anew_after=wrong)  # type: ignore[arg-type]
+    with pytest.raises(MienError, match="give a point"):
+        mien.stream(tmp_path, face=7)  # type: ignore[arg-type]
     with pytest.raises(MienError, match="no such file"):
         mien.stream(tmp_path / "missing.mp4")
     with pytest.raises(MienError, match="unknown tracker"):

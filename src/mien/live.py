@@ -14,9 +14,10 @@ from pathlib import Path
 from mien.errors import MienError, interruption, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.initialization.landmarks import Point
 from mien.pipeline.passes import warn_of_first_frame
 from mien.registry import DEFAULT_PRESET, checked, create_tracker
-from mien.start.first_frame import before_start
+from mien.start.first_frame import as_point, before_start, require_inside
 from mien.start.footage import Footage
 from mien.start.search import Patience
 from mien.tracking.state import Estimate, Tracker
@@ -33,13 +34,15 @@ def stream(
     camera: Camera | str | Path | None = None,
     focal_px: float | None = None,
     fov_deg: float | None = None,
+    face: Point | None = None,
     anew_after: float = math.inf,
 ) -> Iterator[tuple[Frame, Estimate]]:
     """Yield every frame of a camera (its number), a video file, a folder of images or an iterable of `mien.Frame` with
     its estimate, as soon as it is available.
 
     preset, camera, focal_px, fov_deg: as for `mien.track`. The face is learned from the first frame in which it looks
-    into the camera or, after three seconds of waiting, as it is.
+    into the camera or, after three seconds of waiting, as it is. face: a point of the image, in pixels, where the face
+    must be that is learned, as of one of two people; by default the largest.
     anew_after: seconds after which a face that is lost, or looks like someone else's, is given up and any face then in
     view is learned instead; its first estimate has the status INITIALIZED.
 
@@ -48,8 +51,10 @@ def stream(
     """
     valid = isinstance(anew_after, Real) and anew_after >= 0
     require(valid, f"anew_after is {anew_after!r}; give a number of seconds")
+    face = face if face is None else as_point(face)
     first = create_tracker(preset)  # report bad arguments now, not when the first frame is requested
-    return _interruptible(_stream(Footage(open_video(video), camera, focal_px, fov_deg), preset, first, anew_after))
+    footage = Footage(open_video(video), camera, focal_px, fov_deg)
+    return _interruptible(_stream(footage, preset, first, face, anew_after))
 
 
 def _interruptible(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tuple[Frame, Estimate]]:
@@ -63,7 +68,7 @@ def _interruptible(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tupl
 
 
 def _stream(
-    footage: Footage, preset: str, first: Tracker | None, anew_after: float
+    footage: Footage, preset: str, first: Tracker | None, face: Point | None, anew_after: float
 ) -> Iterator[tuple[Frame, Estimate]]:
     """first: the tracker of the first face; every later one is created."""
     patience: Patience | None = None
@@ -71,7 +76,9 @@ def _stream(
     seen, doubtful = 0.0, False
     for frame in footage.video:
         if patience is None:
-            patience = Patience(footage.camera_of(frame))
+            if face is not None:
+                require_inside(face, frame)
+            patience = Patience(footage.camera_of(frame), face)
         faces = patience(frame) if tracker is None or (doubtful and frame.time - seen > anew_after) else []
         if faces:
             learned = first or create_tracker(preset)
@@ -85,7 +92,7 @@ def _stream(
                 estimate = checked(estimate, learned, frame)
                 tracker, first, seen = learned, None, frame.time
                 warn_of_first_frame(estimate, faces[0], footage.video, tracker)
-            patience = Patience(patience.camera)
+            patience = Patience(patience.camera, face)
         else:
             estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame, patience)
         doubtful = estimate.confidence <= _DOUBTFUL

@@ -94,13 +94,13 @@ def prepare(
     Of several faces, takes the largest or the one at the point `face`. Calls `report` and `show` for each frame before
     the first detection. Raises MienError for bad input.
     """
-    face = face if face is None else _as_point(face)
+    face = face if face is None else as_point(face)
     frames = footage.frames()
     earliest = next(frames)
     opening = _Opening(footage, footage.camera_of(earliest), earliest, chain([earliest], frames), at_once, face)
     if face is not None:
         require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
-        _require_inside(face, earliest)
+        require_inside(face, earliest)
     if landmarks is None:
         return _begin_with_a_face(opening, report, show)
     return _begin_with_landmarks(opening, landmarks, report)
@@ -182,14 +182,14 @@ def _check_fit(landmarks: Landmarks, camera: Camera) -> None:
         )
 
 
-def _as_point(face: Point) -> Point:
+def as_point(face: Point) -> Point:
     """A point as plain numbers. Raises MienError if it is none."""
     valid = np.shape(face) == (2,) and bool(np.isfinite(face).all())
     require(valid, f"face is {face!r}; give a point in the image as two pixel coordinates")
     return float(face[0]), float(face[1])
 
 
-def _require_inside(face: Point, frame: Frame) -> None:
+def require_inside(face: Point, frame: Frame) -> None:
     x, y = face
     inside = 0 <= x < frame.width and 0 <= y < frame.height
     require(inside, f"--face {x:g} {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
