@@ -81,6 +81,15 @@ def test_selection_keeps_indices_and_ends_before_the_end(video: Path) -> None:
     assert expected_count(open_video(video)) == 10
 
 
+def test_a_frame_is_at_its_time_as_tables_round_it(tmp_path: Path) -> None:
+    video = open_video(write_video(tmp_path / "thirds.avi", [gradient(k) for k in range(10)], fps=30))
+    for frame in list(video)[1:]:
+        time = round(frame.time, 6)
+        assert next(select(video, start=time)).index == frame.index
+        assert [f.index for f in select(video, end=time)] == list(range(frame.index))
+        assert [f.index for f in backwards(video, begin=time, end=10)] == list(range(9, frame.index - 1, -1))
+
+
 def test_a_video_whose_time_begins_late_is_whole(tmp_path: Path) -> None:
     path = write_video(tmp_path / "late.mkv", [gradient(k) for k in range(10)], times_ms=range(3600000, 3600400, 40))
     opened = open_video(path)

@@ -217,7 +217,7 @@ def _frame_of(
     if until > 1.5 / source.fps:
         warn(
             f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {reached.time:.2f} s; "
-            f"--start {landmarks.time:.2f} begins where it belongs"
+            f"--start {round(landmarks.time, 6)} begins where it belongs"
         )
     return reached, skipped, frames
 

@@ -14,6 +14,8 @@ from mien.video.source import Video
 
 BUFFER_BYTES = 1 << 29
 """Memory, in bytes, for the frames that are buffered to play a video backwards."""
+_SAME_TIME = 1e-6
+"""Times in seconds that differ by less are the same: tables round them to six digits."""
 
 
 def check_interval(start: float | None, end: float | None) -> None:
@@ -22,7 +24,8 @@ def check_interval(start: float | None, end: float | None) -> None:
 
 
 def select(video: Video, start: float | None = None, end: float | None = None) -> Iterator[Frame]:
-    """The frames in the half-open interval `start <= time < end` (seconds), with their indices in the whole video.
+    """The frames in the half-open interval `start <= time < end` (seconds), with their indices in the whole video; a
+    frame is at its time stamp also as tables round it.
 
     Frames before `start` are decoded and skipped, so that indices stay exact. Raises MienError if the interval is
     empty or contains no frame.
@@ -31,10 +34,10 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
     last, found, ended = -math.inf, False, False
     for frame in video:
         last = frame.time
-        ended = end is not None and last >= end
+        ended = end is not None and last > end - _SAME_TIME
         if ended:
             break
-        if start is None or last >= start:
+        if start is None or last > start - _SAME_TIME:
             found = True
             yield frame
     after = "" if start is None else f" from {start:g} s" + (" on" if end is None else "")
@@ -45,7 +48,7 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
 
 
 def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
-    """The frames with `time >= begin` (seconds) and `index < end`, in reverse order.
+    """The frames with `time >= begin` (seconds, as in `select`) and `index < end`, in reverse order.
 
     At most `BUFFER_BYTES` of frames are buffered at a time; a longer interval is decoded again in parts.
     """
@@ -54,7 +57,7 @@ def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
     for frame in video:
         if frame.index >= end:
             break
-        if frame.time >= begin:
+        if frame.time > begin - _SAME_TIME:
             remaining.append((frame.index, frame.time))
             buffer.append(frame)
             if len(buffer) > 1 and len(buffer) * 3 * frame.height * frame.width > BUFFER_BYTES:
