@@ -55,6 +55,7 @@ class Played:
     path: Path
     frames: list[Frame]
     fps: float = 30.0
+    begin: float = 0.0
 
     @property
     def name(self) -> str:

@@ -81,11 +81,24 @@ def test_selection_keeps_indices_and_ends_before_the_end(video: Path) -> None:
     assert expected_count(open_video(video)) == 10
 
 
+@pytest.mark.parametrize(("start", "end"), [(None, None), (-3, None), (0.1, None), (None, 0.2), (0.1, 0.2), (-1, 9)])
+@pytest.mark.parametrize("begin", [0.0, 10.0])
+def test_how_many_frames_there_will_be_is_known_wherever_the_time_begins(
+    begin: float, start: float | None, end: float | None, tmp_path: Path
+) -> None:
+    times = [round(1000 * begin) + 40 * k for k in range(10)]
+    file = open_video(write_video(tmp_path / "late.mkv", [gradient(k) for k in range(10)], times_ms=times))
+    for video in (file, open_video(list(file))):
+        interval = [None if time is None else begin + time for time in (start, end)]
+        assert expected_count(video, *interval) == len(list(select(video, *interval)))
+
+
 def test_a_frame_is_at_its_time_as_tables_round_it(tmp_path: Path) -> None:
     video = open_video(write_video(tmp_path / "thirds.avi", [gradient(k) for k in range(10)], fps=30))
     for frame in list(video)[1:]:
         time = round(frame.time, 6)
-        assert next(select(video, start=time)).index == frame.index
+        assert [f.index for f in select(video, start=time)] == list(range(frame.index, 10))
+        assert expected_count(video, time) == 10 - frame.index
         assert [f.index for f in select(video, end=time)] == list(range(frame.index))
         assert [f.index for f in backwards(video, begin=time, end=10)] == list(range(9, frame.index - 1, -1))
 

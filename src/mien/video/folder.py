@@ -39,6 +39,7 @@ class ImageFolder:
     fps: float = FOLDER_FPS
 
     repeatable = True
+    begin = 0.0
 
     @property
     def name(self) -> str:

@@ -30,6 +30,7 @@ class CameraDevice:
     repeatable: bool = False
     frame_count: None = None
     fps: float = _USUAL_FPS
+    begin: float = 0.0
 
     @property
     def name(self) -> str:
@@ -78,6 +79,11 @@ class GivenFrames:
         stated = [frame.time for frame in self.frames if isinstance(frame, Frame)] if self.repeatable else []
         step = float(np.median(np.diff(stated))) if len(stated) > 1 else math.nan
         return 1 / step if 0 < step < math.inf else _USUAL_FPS
+
+    @property
+    def begin(self) -> float:
+        first = self.frames[0] if isinstance(self.frames, Sequence) and self.frames else None
+        return first.time if isinstance(first, Frame) and math.isfinite(first.time) else 0.0
 
     def __iter__(self) -> Iterator[Frame]:
         return same_size(self._checked(), self.name)

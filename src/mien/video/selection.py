@@ -96,6 +96,7 @@ def expected_count(video: Video, start: float | None = None, end: float | None =
     """Approximate number of frames that `select` will yield; None if unknown."""
     if video.frame_count is None:
         return None
-    first = 0 if start is None else math.ceil(start * video.fps - 1e-6)
-    stop = video.frame_count if end is None else math.ceil(end * video.fps - 1e-6)
+    origin = video.begin + _SAME_TIME
+    first = 0 if start is None else max(math.ceil((start - origin) * video.fps), 0)
+    stop = video.frame_count if end is None else math.ceil((end - origin) * video.fps)
     return max(min(stop, video.frame_count) - first, 1)

@@ -23,7 +23,8 @@ class Video(Protocol):
     """A source of frames; each iteration begins with the first, if it is repeatable.
 
     path: the file or folder, None if there is none; repeatable: whether frames can be read again, and not only once;
-    fps: mean frames per second; frame_count: expected number of frames, None if unknown.
+    fps: mean frames per second; begin: time in seconds of the first frame, as far as it is known beforehand;
+    frame_count: expected number of frames, None if unknown.
     """
 
     @property
@@ -34,6 +35,8 @@ class Video(Protocol):
     def repeatable(self) -> bool: ...
     @property
     def fps(self) -> float: ...
+    @property
+    def begin(self) -> float: ...
     @property
     def frame_count(self) -> int | None: ...
     def __iter__(self) -> Iterator[Frame]: ...
