@@ -293,6 +293,25 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
     assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
 
 
+def test_stopped_after_the_last_frame_all_rows_are_kept(
+    tracker: StillTracker, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a large file is read for its checksum, which is then not begun again."""
+
+    def checksum(path: Path) -> str:
+        read.append(path)
+        raise KeyboardInterrupt
+
+    read: list[Path] = []
+    monkeypatch.setattr("mien.start.footage.checksum", checksum)
+    with pytest.warns(MienWarning, match="stopped after 6 frames"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
+    assert read == [folder]
+    kept = mien.Track.read(tmp_path / "out")
+    assert len(kept) == 6
+    assert (kept.metadata["complete"], kept.metadata["video"]["sha256"]) == (False, None)
+
+
 def test_the_window_shows_every_frame_also_before_there_is_a_face(
     tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

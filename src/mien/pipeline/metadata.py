@@ -30,6 +30,7 @@ def metadata(
         "frames": recorder.count,
         "video": {
             "name": video.name,
+            "sha256": None if stopped else begin.footage.sha256,  # who stops does not wait until a file is read again
             **begin.footage.identity,
             "width": begin.first.width,
             "height": begin.first.height,

@@ -73,6 +73,7 @@ def _run_pass(this: Pass) -> tuple[Track, Pass]:
                 _run_back(this, earlier)
             onwards = replace(this, tracker=_next_tracker(this)) if earlier else this
             _run_forward(onwards, this.tracker, earlier, recorder)
+            return _track_of(onwards, recorder), onwards
         except BaseException as raised:
             error = interruption(raised)
             # Until it has tracked a frame, the tracker of the way forwards knows no face.
@@ -83,7 +84,6 @@ def _run_pass(this: Pass) -> tuple[Track, Pass]:
             if error is raised:
                 raise
             raise error from None
-        return _track_of(onwards, recorder), onwards
 
 
 def _run_back(this: Pass, earlier: dict[int, Estimate]) -> None:
@@ -148,8 +148,8 @@ def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> 
     track = recorder.track(
         metadata(learned.begin, learned.preset, tracker, recorder, learned.number, learned.face_id, stopped)
     )
-    track = track if axes is None else track.turned(axes.report_anew())
-    return track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
+    track = track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
+    return track if axes is None else track.turned(axes.report_anew())  # last, as it is told only once
 
 
 def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Array:

@@ -56,14 +56,19 @@ class Footage:
         return self.video.repeatable
 
     @cached_property
-    def identity(self) -> dict[str, str | int | None]:
-        """What tells the file from another of the same name: "sha256", "bytes" and "inode"; None for what has no file,
-        or no longer has."""
-        path = self.video.path
+    def sha256(self) -> str | None:
+        """The checksum of the file, all of which is read; None for what has no file, or no longer has."""
         with suppress(OSError):
-            if path is not None:
-                return {"sha256": checksum(path), "bytes": size_of(path), "inode": path.stat().st_ino}
-        return {"sha256": None, "bytes": None, "inode": None}
+            return None if self.video.path is None else checksum(self.video.path)
+        return None
+
+    @property
+    def identity(self) -> dict[str, int | None]:
+        """What else tells the file from another of the same name, "bytes" and "inode"; None as for `sha256`."""
+        with suppress(OSError):
+            if self.video.path is not None:
+                return {"bytes": size_of(self.video.path), "inode": self.video.path.stat().st_ino}
+        return {"bytes": None, "inode": None}
 
     def camera_of(self, frame: Frame) -> Camera:
         """The camera for images of the size of this frame. Raises MienError if its field of view is too wide."""
