@@ -458,15 +458,15 @@ def test_all_rotations_are_told_as_they_are_known_in_the_end(
 class PatientTracker(StillTracker):
     """Knows how often it has begun."""
 
-    def __init__(self, turn: int = 1, stops: bool = False) -> None:
+    def __init__(self, turn: int = 1, stops: BaseException | None = None) -> None:
         self.turn, self.stops = turn, stops
 
     def again(self) -> PatientTracker:
         return PatientTracker(self.turn + 1, self.stops)
 
     def _estimate(self, frame: Frame, status: Status) -> Estimate:
-        if self.stops and self.turn == 2 and frame.index == 3:
-            raise KeyboardInterrupt
+        if self.stops and self.turn > 1 and frame.index == 3:
+            raise self.stops
         return replace(super()._estimate(frame, status), confidence=0.25 * self.turn)
 
 
@@ -487,14 +487,23 @@ def test_the_second_pass_begins_with_what_the_first_has_learned(
     assert mien.Track.read(tmp_path / "out").metadata["passes"] == 2
 
 
+@pytest.mark.parametrize(
+    ("first", "stops", "drawn"),
+    [(0, KeyboardInterrupt(), True), (0, OSError(), False), (4, KeyboardInterrupt(), False)],
+)
 def test_stopped_in_the_second_pass_the_first_is_kept(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+    first: int, stops: BaseException, drawn: bool, monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
-    use_tracker(monkeypatch, lambda name: PatientTracker(stops=True))
-    with pytest.warns(MienWarning, match="stopped in the second pass"), pytest.raises(KeyboardInterrupt):
-        mien.track(folder, landmarks=known_portrait().landmarks, passes=2, save=tmp_path / "out")
+    """The overlay is that of the second, as far as it was drawn: not at all where it was stopped on the way back."""
+    use_tracker(monkeypatch, lambda name: PatientTracker(stops=stops))
+    marks = replace(known_portrait().landmarks, frame_index=first, time=first / 25)
+    overlay = tmp_path / "out.mp4"
+    message = "holds the first" + r", and .*out\.mp4 ends where it was stopped" * drawn + "$"
+    with pytest.warns(MienWarning, match=f"stopped in the second pass; .* {message}"), pytest.raises(type(stops)):
+        mien.track(folder, landmarks=marks, passes=2, save=tmp_path / "out", overlay=overlay)
+    assert overlay.exists() == drawn
     kept = mien.Track.read(tmp_path / "out")
-    assert kept.table["confidence"].to_pylist() == [0.25] * 6
+    assert kept.table["confidence"].to_pylist()[:4] == [0.25] * 4
     assert kept.metadata["complete"]
     assert kept.metadata["passes"] == 1
 

@@ -78,9 +78,10 @@ def _run_pass(this: Pass) -> tuple[Track, Pass]:
             error = interruption(raised)
             # Until it has tracked a frame, the tracker of the way forwards knows no face.
             learned = onwards if recorder.last_index >= this.begin.first.index else this
+            drawn = recorder.count > 0 and isinstance(error, KeyboardInterrupt)  # else its overlay is discarded
             for index in sorted(earlier):
                 recorder.add(earlier[index])
-            _write_stopped(learned, recorder, error)
+            _write_stopped(learned, recorder, error, drawn)
             if error is raised:
                 raise
             raise error from None
@@ -127,11 +128,12 @@ def _run_forward(onwards: Pass, back: Tracker, earlier: dict[int, Estimate], rec
                 onwards.report(estimate)
 
 
-def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException) -> None:
-    """Write the frames that were tracked before this error, except in a second pass; the files hold the first."""
+def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException, drawn: bool) -> None:
+    """Write the frames that were tracked before this error, except in a second pass; the files hold the first. drawn:
+    whether the overlay, if one is wanted, holds some of the second."""
     table = learned.files.table
     if learned.number > 1 and table is not None:
-        overlay = learned.files.overlay
+        overlay = learned.files.overlay if drawn else None
         ends = "" if overlay is None else f", and {overlay} ends where it was stopped"
         warn(f"stopped in the second pass; {table} holds the first{ends}")
     elif recorder.count and table is not None:
