@@ -1,10 +1,18 @@
-"""What is known of a file."""
+"""What is known of a file, and what is written."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
-from mien.files import checksum
+from mien.files import checksum, json_text
+
+
+def test_lists_of_numbers_stand_on_one_line_and_strings_stay_as_they_are() -> None:
+    values = {"name": "a[ 1 ].mp4", "lines": "[\n 1,\n 2\n]", "of": [[1, -2.5e-07], []], "not": ["[ 3 ]", None]}
+    text = json_text(values)
+    assert json.loads(text) == values
+    assert "  [1, -2.5e-07],\n" in text
 
 
 def test_checksum_depends_on_contents_and_names(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from typing import Any
 from mien.errors import MienError, require
 
 REMEDY = "make room or choose another place"
-_NUMBERS = re.compile(r"\[\s+([-+.\deE]+(?:,\s+[-+.\deE]+)*)\s+\]")
+_NUMBERS = re.compile(r"\[\n\s*([-+.\deE]+(?:,\n\s*[-+.\deE]+)*)\n\s*\]")
+"""A list of numbers in indented JSON, whose strings hold no line break."""
 
 
 @contextmanager
