@@ -144,6 +144,14 @@ def test_missing_folders_are_made(mien: Command, video: Path, marks: Path, tmp_p
     assert names(tmp_path / "a" / "b") == TABLES
 
 
+def test_a_folder_is_named_by_the_slash_at_its_end(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    assert mien("track", video, "-o", "a/b/", "--landmarks", marks, "--end", "0.1").status == 0
+    assert names(tmp_path / "a" / "b") == {"in.csv", "in.json", "in.parquet"}
+    assert mien("landmarks", video, "-o", "c/", "--landmarks", marks).status == 0
+    assert names(tmp_path / "c") == {"in.landmarks.json", "in.landmarks.png"}
+    assert names(tmp_path) == {video.name, marks.name, "a", "c"}
+
+
 def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
     result = mien("landmarks", video, "--landmarks", marks)
     assert result.status == 0

@@ -5,7 +5,21 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mien.files import checksum, json_text
+from mien.files import checksum, json_text, require_writable, whole_file
+
+
+def test_through_a_link_its_target_is_written(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    target, link = tmp_path / "elsewhere" / "target", tmp_path / "link.csv"
+    link.symlink_to(target)
+    require_writable(link)
+    for text in ("new", "newer"):
+        with whole_file(link) as file:
+            assert file.suffix == ".csv"
+            file.write_text(text)
+        assert link.is_symlink()
+        assert target.read_text() == text
+    assert list((tmp_path / "elsewhere").iterdir()) == [target]
 
 
 def test_lists_of_numbers_stand_on_one_line_and_strings_stay_as_they_are() -> None:

@@ -151,7 +151,8 @@ def demo(
 def track(
     video: Video,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The table; by default VIDEO's name.csv in this folder.")
+        str | None,
+        typer.Option("-o", "--output", metavar="PATH", help="The table; by default VIDEO's name.csv in this folder."),
     ] = None,
     preset: Preset = "realtime",
     landmarks: LandmarkFile = None,
@@ -177,10 +178,10 @@ def track(
     from mien.output.destination import Destination
     from mien.pipeline.track import track as track_video
 
-    output = _output_path(output, _stem(video) + ".csv")
+    table = _output_path(output, _stem(video) + ".csv")
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
     given |= {"start": start, "end": end, "at_once": at_once, "passes": passes}
-    given |= {"save": output, "overlay": overlay, "plot": plot}
+    given |= {"save": table, "overlay": overlay, "plot": plot}
     for_one = {"--landmarks": landmarks, "--face": face, "--show": show or None}
     unwanted = [name for name, value in for_one.items() if value is not None]
     require(faces == 1 or not unwanted, f"{', '.join(unwanted)}: for one face only; omit it, or omit --faces")
@@ -193,7 +194,7 @@ def track(
         for face_id, result in enumerate(tracks):
             which = "the face" if faces == 1 else f"face {face_id}"
             typer.echo(f"{len(result)} frame{'s' * (len(result) != 1)}, {which} lost in {result.lost}")
-        files = Destination(output, overlay, plot)
+        files = Destination(table, overlay, plot)
         _print_written([path for face_id in range(len(tracks)) for path in files.of_face(face_id).paths()])
 
 
@@ -241,8 +242,13 @@ def batch(
 def landmarks(
     video: Video,
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="The landmarks; by default VIDEO's name.landmarks.json in this folder."),
+        str | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="The landmarks; by default VIDEO's name.landmarks.json in this folder.",
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="The picture; by default beside the landmarks.")] = None,
     landmarks: LandmarkFile = None,
@@ -260,11 +266,11 @@ def landmarks(
     """
     from mien.pipeline.landmarks import write_first_frame
 
-    output = _output_path(output, _stem(video) + ".landmarks.json")
-    plot = plot or output.with_suffix(".png")
+    found = _output_path(output, _stem(video) + ".landmarks.json")
+    plot = plot or found.with_suffix(".png")
     fit = write_first_frame(
         video,
-        output,
+        found,
         plot,
         landmarks=landmarks,
         camera=camera,
@@ -276,7 +282,7 @@ def landmarks(
     )
     if not quiet:
         typer.echo(f"the fitted mesh is {fit.residual_px:.2f} pixels (root mean square) from the landmarks")
-        _print_written([output, plot])
+        _print_written([found, plot])
 
 
 @app.command()
@@ -340,9 +346,12 @@ def _stem(video: str) -> str:
     return path.resolve().name if path.is_dir() else path.stem
 
 
-def _output_path(output: Path | None, name: str) -> Path:
-    """The given output path; in a given folder, or in the current one without a path, the file has this name."""
-    return Path(name) if output is None else output / name if output.is_dir() else output
+def _output_path(output: str | None, name: str) -> Path:
+    """The given output path; in a given folder, which need not exist if it ends with a slash, or in the current one
+    without a path, the file has this name."""
+    if output is None or output.endswith(("/", os.sep)) or Path(output).is_dir():
+        return Path(output or "", name)
+    return Path(output)
 
 
 def _print_written(paths: list[Path]) -> None:

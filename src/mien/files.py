@@ -21,7 +21,7 @@ _NUMBERS = re.compile(r"\[\n\s*([-+.\deE]+(?:,\n\s*[-+.\deE]+)*)\n\s*\]")
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Temporary file in the folder of `path`, renamed to `path` when the block succeeds, removed when it fails."""
+    """Temporary file beside `path`, renamed to `path` when the block succeeds, removed when it fails."""
     with named_errors(path):
         beside = create_temporary(path)
         try:
@@ -32,9 +32,10 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def move_into_place(beside: Path, path: Path) -> None:
-    """Rename a finished temporary file to `path`, with the default permissions of a new file."""
+    """Rename a finished temporary file to `path`, or to what that links to, with the default permissions of a new
+    file."""
     beside.chmod(0o666 & ~_umask())
-    beside.replace(path)
+    beside.replace(real_path(path))
 
 
 @contextmanager
@@ -52,9 +53,10 @@ def reason_of(error: OSError) -> str:
 
 
 def create_temporary(path: Path) -> Path:
-    """New, empty, hidden file with the suffix of `path`, in the same folder so that a rename stays on one disk."""
+    """New, empty, hidden file with the suffix of `path`, in the folder of what that links to, so that a rename stays on
+    one disk."""
     stem = path.stem[:40]  # a longer name could exceed what the file system allows
-    handle, name = tempfile.mkstemp(prefix=f".{stem}-", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f".{stem}-", suffix=path.suffix, dir=real_path(path).parent)
     os.close(handle)
     return Path(name)
 
