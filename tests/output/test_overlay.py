@@ -122,6 +122,28 @@ def test_a_video_keeps_times_colours_and_an_even_size(tmp_path: Path) -> None:
     assert np.abs(frames[2].to_ndarray(format="rgb24").astype(int) - colour).max() < 12
 
 
+@pytest.mark.parametrize("size", [(120, 16386), (32770, 200)])
+def test_what_is_too_large_for_the_encoder_is_scaled_down(size: tuple[int, int], tmp_path: Path) -> None:
+    colour = np.array([200, 60, 40], dtype=np.uint8)
+    with OverlayWriter(tmp_path / "overlay.mp4") as writer:
+        writer.write(np.full((*size, 3), colour), 0.0)
+    with av.open(str(tmp_path / "overlay.mp4")) as container:
+        frame = next(container.decode(video=0))
+    assert max(frame.width, frame.height) == 16384
+    assert frame.width / frame.height == pytest.approx(size[1] / size[0], rel=0.02)
+    assert np.abs(frame.to_ndarray(format="rgb24").astype(int) - colour).max() < 12
+
+
+def test_what_the_encoder_refuses_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mien.output.overlay._LARGEST_SIDE", 1 << 20)
+    with (
+        pytest.raises(MienError, match=r"overlay\.mp4 cannot be encoded \(.*external library\); scale"),
+        OverlayWriter(tmp_path / "overlay.mp4") as writer,
+    ):
+        writer.write(np.zeros((120, 16386, 3), dtype=np.uint8), 0.0)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_video_without_frames_leaves_nothing(tmp_path: Path) -> None:
     with OverlayWriter(tmp_path / "overlay.mp4"):
         pass

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mien.arrays import Array, Pixels
-from mien.errors import interruption, require
-from mien.files import create_temporary, move_into_place, named_errors, whole_file
+from mien.errors import MienError, interruption, require
+from mien.files import create_temporary, move_into_place, named_errors, reason_of, whole_file
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.graphics import Graphics
@@ -24,6 +25,8 @@ from mien.tracking.state import Estimate, TrackedLandmarks
 
 SMALLEST_WIDTH = 640
 """Narrower frames are enlarged by an integer factor before drawing, so that the mesh lines stay thin."""
+_LARGEST_SIDE = 16384
+"""Width and height, in pixels, beyond which the encoder takes no image: larger ones are scaled down."""
 MESH, GRAPHICS = (120, 220, 255), (255, 90, 220)
 SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
 AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
@@ -112,14 +115,15 @@ class OverlayWriter:
 
     with OverlayWriter(path) as writer:
         writer.write(pixels, time)
-    The first image sets the size; odd sizes lose their last row or column, as the format needs even ones.
+    The first image sets the size; odd sizes lose their last row or column, as the format needs even ones, and what is
+    larger than the encoder allows is scaled down.
     """
 
     def __init__(self, path: Path, begins: float | None = None) -> None:
         """begins: time in seconds at which the video begins, by default that of the first image."""
         self.path = path
         self._last_pts, self._begins = -1, begins
-        with named_errors(self.path):
+        with _named_errors(self.path):
             self._temporary = create_temporary(path)
             try:
                 self._container = av.open(str(self._temporary), "w", format="mp4")
@@ -143,6 +147,7 @@ class OverlayWriter:
         """Append (H, W, 3) RGB pixels, displayed from `time` (seconds) on."""
         if self._begins is None:
             self._begins = time
+        pixels = _no_larger(pixels)
         if self._last_pts < 0:
             self._stream.height, self._stream.width = pixels.shape[0] // 2 * 2, pixels.shape[1] // 2 * 2
         even = np.ascontiguousarray(pixels[: self._stream.height, : self._stream.width])
@@ -150,13 +155,13 @@ class OverlayWriter:
         # The format needs increasing times: a frame that repeats the time of the previous one gets the next tick.
         self._last_pts = max(round((time - self._begins) / TIME_BASE), self._last_pts + 1)
         picture.pts, picture.time_base = self._last_pts, TIME_BASE
-        with named_errors(self.path):
+        with _named_errors(self.path):
             self._container.mux(self._stream.encode(picture))
 
     def close(self, keep: bool = True) -> None:
         """Finish the file and give it its name, or remove it. A video without frames leaves no file."""
         try:
-            with named_errors(self.path):
+            with _named_errors(self.path):
                 if self._last_pts >= 0:
                     self._container.mux(self._stream.encode())
                 self._container.close()
@@ -173,6 +178,28 @@ def is_overlay(path: Path) -> bool:
             return bool(container.metadata.get("comment") == _COMMENT)
     except (av.FFmpegError, OSError, ValueError):
         return False
+
+
+@contextmanager
+def _named_errors(path: Path) -> Iterator[None]:
+    """As `named_errors`, also for what FFmpeg refuses."""
+    try:
+        with named_errors(path):
+            yield
+    except av.FFmpegError as error:
+        raise MienError(
+            f"{path} cannot be encoded ({reason_of(error)}); scale the video down, or omit the overlay"
+        ) from error
+
+
+def _no_larger(pixels: Pixels) -> Pixels:
+    """An image (H, W, 3), scaled down if the encoder does not take one of its size."""
+    height, width = pixels.shape[:2]
+    scale = _LARGEST_SIDE / max(height, width)
+    if scale >= 1:
+        return pixels
+    size = (round(scale * width), round(scale * height))
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _enlarge(frame: Frame) -> tuple[Pixels, int]:
