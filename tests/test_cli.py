@@ -198,6 +198,18 @@ def test_what_mien_has_not_written_is_not_overwritten(
     refused(["track", video, "--faces", "2", "-o", "third.csv"], "third.face1.csv exists and is not the track")
 
 
+def test_a_video_that_is_no_overlay_is_not_overwritten(
+    refused: Callable[..., None], mien: Command, video: Path, marks: Path, tmp_path: Path
+) -> None:
+    holiday = write_video(tmp_path / "holiday.mp4", portrait_images(2), codec="libx264", pix_fmt="yuv420p")
+    before = holiday.read_bytes()
+    asked = ["track", video, "--landmarks", marks, "--end", "0.1", "-o", "out.csv", "--overlay"]
+    refused([*asked, holiday], "holiday.mp4 exists and is not an overlay by mien", "--overlay")
+    assert holiday.read_bytes() == before
+    for _ in range(2):
+        assert mien(*asked, "over.mp4").status == 0
+
+
 @pytest.mark.parametrize(("off", "warned"), [(0.0, False), (30.0, True)])
 def test_a_landmark_far_off_is_warned_of(off: float, warned: bool, mien: Command, video: Path, marks: Path) -> None:
     values = json.loads(marks.read_text())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from io import StringIO
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from mien.demo import DemoErrors, compare, demo_states, run_demo
+from mien.errors import MienError
 from mien.output.track import Track
 from mien.synthetic import make_sequence, portrait
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
@@ -51,6 +53,21 @@ def test_the_face_is_followed(demo: tuple[Path, DemoErrors, str]) -> None:
     assert errors.euler_deg.max() < 8
     assert errors.landmarks_px < 8
     assert f"{errors.euler_deg[1]:.2f} degrees" in said
+
+
+@pytest.mark.parametrize("name", ["video.mp4", "plot.png"])
+def test_what_it_has_not_written_is_not_overwritten(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(MienError, match=rf"{name} exists and is not of mien demo; choose another folder with --out"):
+        run_demo(tmp_path)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "mine")]
+
+
+def test_an_earlier_demo_is_overwritten(demo: tuple[Path, DemoErrors, str], tmp_path: Path) -> None:
+    out, *_ = demo
+    shutil.copytree(out, tmp_path / "demo")
+    run_demo(tmp_path / "demo", seconds=0.2, console=Console(file=StringIO()))
+    assert len(Track.read(tmp_path / "demo" / "track.csv")) == 5
 
 
 def test_errors_by_hand() -> None:

@@ -11,10 +11,11 @@ from rich.table import Table
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
+from mien.errors import require
 from mien.files import require_writable, whole_file
 from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
-from mien.output.overlay import OverlayWriter
+from mien.output.overlay import OverlayWriter, is_overlay
 from mien.output.track import Track, track_paths
 from mien.pipeline.track import track
 from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, moved, portrait
@@ -44,8 +45,10 @@ def run_demo(
     seconds: float = SECONDS,
     console: Console | None = None,
 ) -> DemoErrors:
-    """Write video, truth, track, overlay and plot to the folder `out`; print and return the errors."""
+    """Write video, truth, track, overlay and plot to the folder `out`; print and return the errors. Raises MienError if
+    a file of these names is there that is not of an earlier demo."""
     console = console or Console()
+    _require_own(out)
     require_writable(out / VIDEO)
     with console.status("making a face in known motion, and tracking it"):
         face = portrait()
@@ -61,9 +64,24 @@ def run_demo(
         )
     errors = compare(result, sequence)
     console.print(_table(errors, len(result)))
-    for path in (out / VIDEO, out / TRUTH, out / LANDMARKS, *track_paths(out / TABLE), out / OVERLAY, out / PLOT):
+    for path in _paths(out):
         console.print(f"wrote {path}", soft_wrap=True, highlight=False, markup=False)
     return errors
+
+
+def _paths(out: Path) -> list[Path]:
+    """Every file that is written, in this order."""
+    return [out / VIDEO, out / TRUTH, out / LANDMARKS, *track_paths(out / TABLE), out / OVERLAY, out / PLOT]
+
+
+def _require_own(out: Path) -> None:
+    """Raise MienError if a file would be overwritten in a folder without the video of an earlier demo, which is the
+    first that it writes."""
+    taken = next((path for path in _paths(out) if path.exists()), None)
+    require(
+        taken is None or is_overlay(out / VIDEO),
+        f"{taken} exists and is not of mien demo; choose another folder with --out, or move it away",
+    )
 
 
 def demo_states(face: Portrait, n: int) -> Array:

@@ -47,6 +47,8 @@ class Destination:
         require_free(self.paths(), inputs)
         if self.table is not None:
             _require_own(self.table)
+        if self.overlay is not None:
+            _require_own_overlay(self.overlay)
 
     def of_face(self, face_id: int) -> Destination:
         """The output of a further face: NAME.face1.csv and its plot; the overlay of the first face shows it too."""
@@ -107,6 +109,16 @@ def _require_own(table: Path) -> None:
             path is None,
             f"{path} exists and is not the track of a video by mien; choose another name with -o, or move it away",
         )
+
+
+def _require_own_overlay(path: Path) -> None:
+    """Raise MienError if a video exists that mien has not written."""
+    from mien.output.overlay import is_overlay
+
+    require(
+        not path.exists() or path.stat().st_size == 0 or is_overlay(path),
+        f"{path} exists and is not an overlay by mien; choose another name with --overlay, or move it away",
+    )
 
 
 def _is_of_track(path: Path) -> bool:
