@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -114,6 +115,27 @@ def test_a_truncated_file_gives_what_decodes_and_a_warning(tmp_path: Path, endin
         frames = list(open_video(cut))
     assert 30 < len(frames) < 70
     np.testing.assert_array_equal(frames[20].pixels, images[20])
+
+
+def test_a_file_is_whole_where_its_sound_is_longer(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    whole, cut = tmp_path / "whole.mkv", tmp_path / "cut.mkv"
+    with av.open(str(whole), "w") as container:
+        stream, sound = container.add_stream("ffv1", 25), container.add_stream("pcm_s16le", 8000, layout="mono")
+        stream.height, stream.width, stream.pix_fmt = 48, 64, "bgr0"
+        for k in range(8):
+            for _ in range(25 if k < 4 else 0):
+                image = av.VideoFrame.from_ndarray(rng.integers(0, 255, (48, 64, 3), np.uint8), format="rgb24")
+                container.mux(stream.encode(image))
+            samples = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), layout="mono")
+            samples.sample_rate = 8000
+            container.mux(sound.encode(samples))
+        for one in (stream, sound):
+            container.mux(one.encode())
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert open_video(whole).frame_count == len(frames_of(whole)) == 100
+    with pytest.warns(MienWarning, match=r"cut\.mkv is truncated or damaged"):
+        assert 30 < len(list(open_video(cut))) < 70
 
 
 @pytest.mark.parametrize(("aspect", "size"), [("2/1", (128, 48)), ("1/2", (64, 96)), ("1/100", (64, 48))])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -126,12 +127,19 @@ def open_file(path: Path) -> VideoFile:
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
             length = stream.frames / fps
         matroska = "matroska" in container.format.name
-        if matroska:  # its duration is the end time of the last frame
-            length = max(length - begin, 0)
+        if matroska:  # its duration is the end time of the last frame, or of the sound if that is longer
+            length = max((_tagged_end(stream) or length) - begin, 0)
         aspect = float(stream.sample_aspect_ratio or 1)
         aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
         return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump)
+
+
+def _tagged_end(stream: Any) -> float | None:
+    """The end time in seconds that the tags of a Matroska stream state, None if they do not."""
+    stated = next((text for name, text in stream.metadata.items() if name.startswith("DURATION")), "")
+    parts = re.fullmatch(r"(\d+):(\d+):(\d+(?:\.\d+)?)", stated)
+    return None if parts is None else 3600 * float(parts[1]) + 60 * float(parts[2]) + float(parts[3])
 
 
 def _rate(container: Any, stream: Any) -> float:
