@@ -49,6 +49,12 @@ def test_frames_of_a_program_are_numbered_from_zero() -> None:
         list(open_video([Frame(np.zeros((8, 8, 3), np.uint8), -5, 0.0)]))
 
 
+@pytest.mark.parametrize("time", [float("nan"), float("inf")])
+def test_the_first_frame_of_a_program_has_a_time(time: float) -> None:
+    with pytest.raises(MienError, match=rf"the first frame has the time {time} s; give each frame its time"):
+        next(iter(open_video([Frame(gradient(0), 0, time)])))
+
+
 def test_frames_of_a_program_are_frames_and_numbered() -> None:
     with pytest.raises(MienError, match=r"is no frame; give each as mien\.Frame"):
         next(iter(open_video([gradient(0)])))  # type: ignore[list-item]

@@ -95,6 +95,11 @@ class GivenFrames:
                 isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)"
             )
             require(frame.index >= 0, f"a frame has the index {frame.index}; count them from 0")
+            require(
+                last >= 0 or math.isfinite(frame.time),
+                f"the first frame has the time {frame.time:g} s; give each frame its time in seconds, as in "
+                "mien.Frame(pixels, index, time.perf_counter())",
+            )
             before = clock.time
             index, time = max(frame.index, last + 1), clock.time_of(frame.time, 1 / self.fps)
             if (index, time) == (frame.index, frame.time):
