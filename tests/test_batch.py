@@ -39,7 +39,7 @@ while len([p for p in folder.glob("*.pid") if p.read_text()]) < 2:
     time.sleep(0.01)
 """
 
-ASKED = {name: None for name in ("camera", "focal_px", "fov_deg", "start", "end", "face")} | {"at_once": False}
+ASKED = {name: None for name in ("camera", "focal_px", "fov_deg", "start", "end", "fps", "face")} | {"at_once": False}
 
 
 @pytest.fixture

@@ -486,6 +486,7 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
         (["--start", "2", "--end", "1"], "must come before the end"),
         (["--plot", "plot.docx"], "plot.docx: mien writes .png"),
         (["--overlay", "over.avi"], "over.avi: mien writes .mp4"),
+        (["--fps", "50"], "in.mkv has times of its own; omit --fps"),
         (["-o", "marks.json"], "marks.json would overwrite an input"),
     ],
 )
@@ -508,6 +509,22 @@ def test_camera_file(mien: Command, video: Path, marks: Path, tmp_path: Path) ->
 
 
 # The place for the output
+
+
+def test_the_frame_rate_of_a_folder_is_known_for_another_run(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "images").mkdir()
+    for k, image in enumerate(portrait_images()):
+        cv2.imwrite(str(tmp_path / "images" / f"{k}.png"), image[..., ::-1])
+    asked = ["track", "images", "--landmarks", marks, "-o", "out.csv"]
+    for options, fps in (([], None), (["--fps", "50"], 50.0)):
+        assert mien(*asked, *options).status == 0
+        np.testing.assert_allclose(Track.read(tmp_path / "out.csv").time, np.arange(6) / (fps or 25), atol=1e-6)
+        settings = json.loads((tmp_path / "out.json").read_text())
+        assert settings["video"]["fps"] == (fps or 25)
+        assert settings["asked"]["fps"] == fps
+    refused(["track", video, "--faces", "2", "--fps", "50"], "in.mkv has times of its own; omit --fps")
 
 
 def test_folder_that_cannot_be_written(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:

@@ -81,6 +81,9 @@ Fov = Annotated[
 ]
 Start = Annotated[float | None, typer.Option(help="Start at this time.", metavar="SECONDS")]
 End = Annotated[float | None, typer.Option(help="Stop before this time.", metavar="SECONDS")]
+Fps = Annotated[
+    float | None, typer.Option(help="Frames per second of a folder of images; 25 if not given.", metavar="RATE")
+]
 AtOnce = Annotated[
     bool, typer.Option("--at-once", help="Learn the face from the first frame that shows it, not from the best one.")
 ]
@@ -166,6 +169,7 @@ def track(
     ] = False,
     start: Start = None,
     end: End = None,
+    fps: Fps = None,
     at_once: AtOnce = False,
     face: Face = None,
     faces: Faces = 1,
@@ -180,7 +184,7 @@ def track(
 
     table = _output_path(output, _stem(video) + ".csv")
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
-    given |= {"start": start, "end": end, "at_once": at_once, "passes": passes}
+    given |= {"start": start, "end": end, "fps": fps, "at_once": at_once, "passes": passes}
     given |= {"save": table, "overlay": overlay, "plot": plot}
     for_one = {"--landmarks": landmarks, "--face": face, "--show": show or None}
     unwanted = [name for name, value in for_one.items() if value is not None]

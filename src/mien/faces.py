@@ -121,6 +121,7 @@ def track_faces(
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
+    fps: float | None = None,
     at_once: bool = False,
     passes: int = 1,
     progress: Progress | None = None,
@@ -138,7 +139,7 @@ def track_faces(
     Raises MienError for bad input, or if no face is found.
     """
     inputs = (video, camera, file_of(preset))
-    footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
+    footage = Footage(open_video(video, fps), camera, focal_px, fov_deg, start, end, fps)
     files = Destination.checked(save, overlay, plot, inputs)
     check_passes(passes, footage.video, create_tracker(preset), preset)
     name = footage.video.name

@@ -106,8 +106,40 @@ def test_broken_image_of_a_folder_is_left_out_and_keeps_its_place(tmp_path: Path
     assert [f.index for f in frames] == [0, 2]
 
 
+@pytest.mark.parametrize("fps", [10, 59.94])
+def test_a_folder_has_the_frame_rate_that_is_given(fps: float, tmp_path: Path) -> None:
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), gradient(k))
+    video = open_video(tmp_path, fps)
+    assert video.fps == fps
+    np.testing.assert_allclose([frame.time for frame in video], np.arange(3) / fps)
+
+
+@pytest.mark.parametrize(
+    ("names", "gap"),
+    [
+        (["img_28", "img_29", "img_33", "img_40"], "img_33.png comes after img_29.png"),
+        (["0000", "0005", "0010", "0020"], "0020.png comes after 0010.png"),  # each fifth frame
+        (["0000", "0005", "0010", "0015"], None),
+        (["1403.58", "1403.61", "1403.65"], None),  # times
+        (["a_1", "a_2", "b_7", "b_8", "cover"], None),
+        (["take2_009", "take2_010", "take3_001"], None),
+        (["29", "33"], None),
+    ],
+)
+def test_a_gap_in_the_numbers_is_told(names: list[str], gap: str | None, tmp_path: Path) -> None:
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), gradient(0))
+    if gap is None:
+        assert len(frames_of(tmp_path)) == len(names)
+    else:
+        with pytest.warns(MienWarning, match=f"{gap}; gaps in the numbers have no frames and take no time") as told:
+            assert [frame.index for frame in open_video(tmp_path)] == list(range(len(names)))
+        assert len(told) == 1
+
+
 def test_images_come_by_their_numbers(tmp_path: Path) -> None:
-    for k, name in enumerate(("b1.png", "frame2.png", "frame09.png", "frame10.png", "frame010a.png", "z.png")):
+    for k, name in enumerate(("b1.png", "frame8.png", "frame09.png", "frame10.png", "frame010a.png", "z.png")):
         cv2.imwrite(str(tmp_path / name), gradient(k)[..., ::-1])
     blue = [int(frame.pixels[0, 0, 2]) for frame in frames_of(tmp_path)]
     assert blue == [10 * k for k in range(6)]

@@ -35,6 +35,18 @@ def test_what_is_no_source_of_frames(source: Any) -> None:
         open_video(source)
 
 
+@pytest.mark.parametrize("fps", [0, -5, float("nan"), float("inf"), "25"])
+def test_what_is_no_frame_rate(fps: Any, tmp_path: Path) -> None:
+    with pytest.raises(MienError, match=r"fps is .*; give a positive number of frames per second"):
+        open_video(tmp_path, fps)
+
+
+def test_what_has_its_own_times_is_given_no_frame_rate(video: Path) -> None:
+    for source, name in ((video, r"plain\.mkv"), (0, "camera 0"), ([], "the frames")):
+        with pytest.raises(MienError, match=f"{name} has times of its own; omit --fps"):
+            open_video(source, 25)
+
+
 def test_the_address_of_a_stream_is_no_file() -> None:
     with pytest.raises(MienError, match=r"rtsp://host/x is not a file; read the stream yourself"):
         open_video("rtsp://host/x")

@@ -39,7 +39,7 @@ def metadata(
         "preset": preset,
         "passes": number,
         "face_id": face_id,
-        "asked": requested_options(begin.footage, begin.at_once, begin.face),
+        "asked": requested_options(begin.footage, begin.at_once, begin.face, begin.footage.fps),
         "camera": asdict(begin.camera),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),

@@ -43,6 +43,7 @@ def track(
     fov_deg: float | None = None,
     start: float | None = None,
     end: float | None = None,
+    fps: float | None = None,
     at_once: bool = False,
     face: Point | None = None,
     passes: int = 1,
@@ -57,19 +58,20 @@ def track(
 
     preset: a name in `mien.registry`, `realtime:FILE` with settings, or your own MODULE:CLASS. landmarks: of the first
     frame, or their file; detected by default. camera: a camera or its JSON file; or focal_px; or fov_deg (horizontal);
-    by default 60 degrees along the longer side. start, end: seconds. at_once: learn the face from the first frame that
-    shows it; by default, from the best frame within ten seconds of its looking into the camera (file), or from the
-    first in which it does (live camera). face: a point of the image, in pixels, on the face to track; by default the
-    largest face. passes: 2 tracks a file twice, the second time with the face shape learned in the first: more
-    accurate, half as fast. save: path of NAME.csv, with NAME.json and NAME.parquet beside it; overlay: an `.mp4`; plot:
-    a `.png`, `.pdf` or `.svg`; show: display the overlay in a window while tracking.
+    by default 60 degrees along the longer side. start, end: seconds. fps: frames per second of a folder of images, by
+    default 25. at_once: learn the face from the first frame that shows it; by default, from the best frame within ten
+    seconds of its looking into the camera (file), or from the first in which it does (live camera). face: a point of
+    the image, in pixels, on the face to track; by default the largest face. passes: 2 tracks a file twice, the second
+    time with the face shape learned in the first: more accurate, half as fast. save: path of NAME.csv, with NAME.json
+    and NAME.parquet beside it; overlay: an `.mp4`; plot: a `.png`, `.pdf` or `.svg`; show: display the overlay in a
+    window while tracking.
 
     If tracking is interrupted (Ctrl-C, window closed, error), the frames tracked so far are written to `save`, and with
     it to `plot`, before the exception propagates, and `complete` in NAME.json is false. If that happens in the second
     pass, the files are those of the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
-    footage = Footage(open_video(video), camera, focal_px, fov_deg, start, end)
+    footage = Footage(open_video(video, fps), camera, focal_px, fov_deg, start, end, fps)
     files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera, file_of(preset)))
     if show:
         require_screen()

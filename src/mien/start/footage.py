@@ -28,7 +28,7 @@ class Footage:
     """The part of a video to track, and what is known about its camera.
 
     camera: a camera or its JSON file; or focal_px; or fov_deg (horizontal); by default `Camera.unknown`. start, end:
-    seconds, a half-open interval.
+    seconds, a half-open interval; fps: frames per second at which a folder of images was asked to be opened.
     """
 
     video: Video
@@ -37,6 +37,7 @@ class Footage:
     fov_deg: float | None = None
     start: float | None = None
     end: float | None = None
+    fps: float | None = None
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -125,14 +126,17 @@ def check_options(options: FootageOptions) -> None:
         read_camera(options.camera)
 
 
-def requested_options(options: FootageOptions, at_once: bool, face: Point | None = None) -> dict[str, Any]:
-    """The options of a run apart from the tracker, as plain values for NAME.json."""
+def requested_options(
+    options: FootageOptions, at_once: bool, face: Point | None = None, fps: float | None = None
+) -> dict[str, Any]:
+    """The options of a run apart from the tracker, as plain values for NAME.json. fps: that of `Footage`."""
     camera = asdict(options.camera) if isinstance(options.camera, Camera) else options.camera and str(options.camera)
     numbers = {
         "focal_px": options.focal_px,
         "fov_deg": options.fov_deg,
         "start": options.start,
         "end": options.end,
+        "fps": fps,
     }
     plain = {name: value if value is None else float(value) for name, value in numbers.items()}
     return {"camera": camera, **plain, "at_once": at_once, "face": face and list(face)}

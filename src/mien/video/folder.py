@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterator
@@ -28,11 +29,14 @@ _SAMPLED_IMAGES = 16
 """Number of images that are looked at to find out how many bits a folder of 16-bit images uses."""
 FOLDER_FPS = 25.0
 """Frame rate assumed for a folder of images, which carries no time stamps."""
+_NUMBER = r"([0-9]+)"
+_GAP = 1.5
+"""Step between the numbers in two names, as a multiple of the smallest step, above which images are missing."""
 
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """The images of a folder in natural order of their names, at `FOLDER_FPS` frames per second."""
+    """The images of a folder in natural order of their names, at `fps` frames per second."""
 
     path: Path
     images: tuple[Path, ...]
@@ -72,15 +76,16 @@ class ImageFolder:
         return max((int(image.max()).bit_length() for image in sample if image is not None), default=0)
 
 
-def open_folder(path: Path) -> ImageFolder:
-    """A folder of images as a video. Raises MienError if it holds none."""
+def open_folder(path: Path, fps: float | None = None) -> ImageFolder:
+    """A folder of images as a video, at `FOLDER_FPS` if no frame rate is given. Raises MienError if it holds none."""
     images = list_images(path)
     videos = sum(1 for file in path.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file())
     batch = f"mien batch {path} tracks its videos"
     remedy = batch if videos else f"mien reads {', '.join(IMAGE_SUFFIXES)}"
     require(bool(images), f"{path} holds no images; {remedy}")
     _warn_of_others(path, images, videos, batch)
-    return ImageFolder(path, tuple(images))
+    _warn_of_gap(path, images)
+    return ImageFolder(path, tuple(images), FOLDER_FPS if fps is None else float(fps))
 
 
 def _warn_of_others(path: Path, images: list[Path], videos: int, batch: str) -> None:
@@ -93,6 +98,27 @@ def _warn_of_others(path: Path, images: list[Path], videos: int, batch: str) -> 
         warn(f"{path} holds images of the same names in several formats; each is read as a frame of its own")
     if images[0].suffix.lower() in _PAGED and cv2.imcount(str(images[0])) > 1:
         warn(f"{images[0]} holds several images, of which the first is read, as of others like it")
+
+
+def _warn_of_gap(path: Path, images: list[Path]) -> None:
+    """Warn if the numbers in the names of images grow by more in one place than in another."""
+    steps = [_step(before.name, after.name) for before, after in itertools.pairwise(images)]
+    usual = min((step for step in steps if step > 0), default=0)
+    after = next((k for k, step in enumerate(steps, start=1) if step > _GAP * usual), None)
+    if after is not None:
+        warn(
+            f"{path}: {images[after].name} comes after {images[after - 1].name}; gaps in the numbers have no frames "
+            "and take no time"
+        )
+
+
+def _step(before: str, after: str) -> int:
+    """The difference of the numbers in two names that differ in one number and nothing else; 0 for other names."""
+    parts = zip(re.split(_NUMBER, before), re.split(_NUMBER, after), strict=False)
+    changed = [pair for pair in parts if pair[0] != pair[1]]
+    if len(changed) != 1 or not "".join(changed[0]).isdecimal():
+        return 0
+    return int(changed[0][1]) - int(changed[0][0])
 
 
 def list_images(folder: Path) -> list[Path]:
@@ -109,7 +135,7 @@ def refuse_among_images(path: Path, video: Path) -> None:
 
 def _natural_order(path: Path) -> list[tuple[int, str]]:
     """Sort key for natural order."""
-    parts = re.split(r"([0-9]+)", path.name)  # text and numbers alternate
+    parts = re.split(_NUMBER, path.name)  # text and numbers alternate
     return [(int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)] + [(0, path.name)]
 
 

@@ -5,8 +5,9 @@ A new kind of source gets a file of its own beside this one, and a line in `open
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
-from numbers import Integral
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +16,7 @@ import numpy as np
 from mien.errors import require
 from mien.frame import Frame
 from mien.video.file import open_file
-from mien.video.folder import open_folder
+from mien.video.folder import ImageFolder, open_folder
 from mien.video.given import CameraDevice, GivenFrames
 
 
@@ -47,11 +48,24 @@ Source = str | Path | int | Iterable[Frame]
 is read like a file, or one after the other, like a camera's."""
 
 
-def open_video(source: Source) -> Video:
+def open_video(source: Source, fps: float | None = None) -> Video:
     """Open a video file, a folder of images sorted by name, a camera by its number, or an iterable of frames.
 
-    Raises MienError if the file does not exist or is not a video.
+    fps: frames per second of a folder of images, by default `FOLDER_FPS`; all others have times of their own. Raises
+    MienError if the file does not exist or is not a video.
     """
+    rate = fps is None or (isinstance(fps, Real) and 0 < fps < math.inf)
+    require(rate, f"fps is {fps!r}; give a positive number of frames per second, or omit it")
+    video = _opened(source, fps)
+    require(
+        fps is None or isinstance(video, ImageFolder),
+        f"{video.name} has times of its own; omit --fps, which is for a folder of images",
+    )
+    return video
+
+
+def _opened(source: Source, fps: float | None) -> Video:
+    """The video of a source; see `open_video`."""
     number = isinstance(source, Integral) and not isinstance(source, bool)
     if isinstance(source, Iterable) and not isinstance(source, (str, bytes, np.ndarray)):
         return GivenFrames(source)
@@ -72,4 +86,4 @@ def open_video(source: Source) -> Video:
         f"{path} is a pipe or a device, but a video is read more than once; save it as a file, or pass its frames to "
         "mien.stream",
     )
-    return open_folder(path) if path.is_dir() else open_file(path)
+    return open_folder(path, fps) if path.is_dir() else open_file(path)
