@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
 ENDINGS = (".csv", ".json", ".parquet")
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
+GLTF_ENDINGS = (".glb",)
 _IN_EVERY_ROW = {"frame", "timestamp", "confidence", "success", "status"}
 BATCH = 256
 """Number of estimates that the recorder buffers in memory before it writes them to its file."""
@@ -159,18 +160,31 @@ class Track:
         x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
         return None if x is None or y is None else _fixed(np.stack([x, y], axis=-1))
 
+    @cached_property
+    def rest(self) -> tuple[Array, Array] | None:
+        """Vertices (V, 3) of the face at rest, as in the first frame, and displacements (6, V, 3) of its animation
+        units, millimetres in head axes; None for trackers without a face model and for `metadata` without "mesh", as of
+        `from_estimates`."""
+        mesh = self.metadata.get("mesh")
+        if mesh is None:
+            return None
+        vertices = np.array(mesh["vertices"])
+        units = np.zeros((len(TRACKED_UNITS), *vertices.shape))
+        for name, displacements in zip(TRACKED_UNITS, units, strict=True):
+            unit = mesh["units"][name]
+            displacements[np.array(unit["moved"], int)] = np.reshape(unit["by"], (-1, 3))
+        return _fixed(vertices), _fixed(units)
+
     def mesh(self, row: int) -> Array | None:
         """Vertices (V, 3) of the face in a row, millimetres in camera axes, with its expression and its lids;
         `mien.Candide.default().triangles` connects them. Its shape is that of the first frame; the landmarks in
         space (columns X_, Y_, Z_), whose depths are learned, lie up to a centimetre before or behind it. None where the
-        face is lost, and for trackers without a face model or `metadata` without "mesh", as of `from_estimates`."""
-        rest, t, a = self.metadata.get("mesh"), self.translation_mm, self.animation
-        if rest is None or t is None or a is None or np.isnan(t[row]).any():
+        face is lost, and where `rest` is None."""
+        t, a = self.translation_mm, self.animation
+        if self.rest is None or t is None or a is None or np.isnan(t[row]).any():
             return None
-        vertices = np.array(rest["vertices"])
-        for name, amount in zip(TRACKED_UNITS, a[row], strict=True):
-            unit = rest["units"][name]
-            vertices[np.array(unit["moved"], int)] += amount * np.reshape(unit["by"], (-1, 3))
+        vertices, units = self.rest
+        vertices = vertices + np.tensordot(a[row], units, axes=1)
         if self.eyes_closed is not None and not np.isnan(self.eyes_closed[row]):
             vertices = with_eyes_closed(vertices, float(self.eyes_closed[row]))
         R = matrix_from_euler(np.radians(self.euler_deg[row])) @ FACING
@@ -264,6 +278,17 @@ class Track:
         picture = require_ending(Path(path), PLOT_ENDINGS)
         plot_track(self, picture)
         return picture
+
+    def save_gltf(self, path: str | Path) -> Path:
+        """Write the moving head, and the camera, as binary glTF: to a GLB file for Blender, Unity, Unreal or three.js.
+
+        Raises MienError for a track without a mesh (see `mesh`), or whose face is lost in every frame.
+        """
+        from mien.output.gltf import write_gltf
+
+        file = require_ending(Path(path), GLTF_ENDINGS)
+        write_gltf(self, file)
+        return file
 
     def _numbers(self, name: str) -> Array:
         column = self.table.column(name).combine_chunks()

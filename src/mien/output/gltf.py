@@ -1,0 +1,200 @@
+"""The moving head as binary glTF 2.0, which Blender, Unity, Unreal and three.js read: a mesh with morph targets, its
+animation, and the camera.
+
+Lengths are metres. glTF's axes are x right, y up and z towards the viewer; a model has those of mien's head, and looks
+along its z. https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mien._version import __version__
+from mien.appearance.rendering import vertex_normals
+from mien.arrays import Array, Mask
+from mien.candide.model import TRACKED_UNITS, Candide, with_eyes_closed
+from mien.errors import MienError, require, warn
+from mien.files import whole_file
+from mien.geometry.rotation import FACING, matrix_from_euler
+from mien.tracking.state import EYES_CLOSED
+
+if TYPE_CHECKING:
+    from mien.output.track import Track
+
+_LATEST_BEGIN = 10_000.0
+"""Seconds up to which 32-bit floats, those of glTF, tell milliseconds apart."""
+_MM = 1e-3
+_NEAREST = 0.01
+"""Distance in metres from which on the camera sees something."""
+_OF_VERTICES, _OF_TRIANGLES = {"target": 34962}, {"target": 34963}
+"""What a part of the binary is for."""
+_MAGIC, _SIGNATURE = b"glTF", b'"generator":"mien '
+
+
+def write_gltf(track: Track, path: Path) -> None:
+    """Write the head of a track to a `.glb` file, so that in every row it is `Track.mesh`.
+
+    Each animation unit has a morph target of its name, and so has `eyes_closed`. Eyes close by a share of how far the
+    brows leave them open: a unit that moves the lids has another target, UNIT_eyes_closed, whose weight is the product
+    of both. A lost frame has no key: players go straight from the pose before to the one after it, and hold the first
+    and the last. Raises MienError if the track has no mesh, no camera, or no frame with the face.
+    """
+    rest, t, animation = track.rest, track.translation_mm, track.animation
+    require(track.lost < len(track), f"{path}: the face is lost in every frame of the track; there is nothing to write")
+    if rest is None or t is None or animation is None or not {"camera", "video"} <= track.metadata.keys():
+        raise MienError(
+            f"{path}: the track has no mesh, like that of a stream, of a preset that fits no expression, or of a table "
+            "without its JSON; track the video with a preset such as realtime, and keep the JSON beside the table"
+        )
+    known = np.isfinite(np.column_stack([t, track.euler_deg, animation])).all(axis=1)
+    vertices, units = rest
+    closed = np.zeros(len(track)) if track.eyes_closed is None else np.nan_to_num(track.eyes_closed)
+    targets, weights = _morph_targets(vertices, units, animation[known], closed[known])
+    R = FACING @ matrix_from_euler(np.radians(track.euler_deg[known])) @ FACING
+    keys = {"translation": _MM * t[known] @ FACING, "rotation": _quaternions(R), "weights": weights.ravel()}
+    buffer = _Buffer()
+    content = {
+        "asset": {"version": "2.0", "generator": f"mien {__version__}"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [
+            {"name": "head", "mesh": 0} | {name: keys[name][0].tolist() for name in ("translation", "rotation")},
+            {"name": "camera", "camera": 0},
+        ],
+        "meshes": [_mesh(buffer, vertices, targets)],
+        "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.8}}],
+        "cameras": [_camera(track.metadata, path)],
+        "animations": [_animation(buffer, _times(track, known, path), keys)],
+    }
+    with whole_file(path) as file:
+        file.write_bytes(_container(content | buffer.description, buffer.content))
+
+
+def is_gltf_of_mien(path: Path) -> bool:
+    """Whether a file begins as those of `write_gltf` do; one that another program has saved again does not."""
+    with path.open("rb") as file:
+        start = file.read(100)
+    return start.startswith(_MAGIC) and _SIGNATURE in start
+
+
+def _morph_targets(vertices: Array, units: Array, animation: Array, closed: Array) -> tuple[dict[str, Array], Array]:
+    """The targets (V, 3) by name, and their weights (n, K), with which `vertices + sum of weights * targets` is the
+    face with an animation and its eyes closed.
+
+    vertices: (V, 3) at rest; units: (6, V, 3); animation: (n, 6); closed: (n,), by what share of their opening. With
+    that share s, `with_eyes_closed` is x + s C x, and C is linear: C of a unit is what its amount adds to C at rest.
+    """
+    targets = dict(zip(TRACKED_UNITS, units, strict=True)) | {EYES_CLOSED: with_eyes_closed(vertices, 1.0) - vertices}
+    weights = [*animation.T, closed]
+    for name, unit, amount in zip(TRACKED_UNITS, units, animation.T, strict=True):
+        moves_lids = with_eyes_closed(unit, 1.0) - unit
+        if moves_lids.any():
+            targets[f"{name}_{EYES_CLOSED}"] = moves_lids
+            weights.append(amount * closed)
+    return targets, np.stack(weights, axis=1)
+
+
+class _Buffer:
+    """The binary part of a file, and how the JSON part refers to it."""
+
+    def __init__(self) -> None:
+        self.content = b""
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """The properties of glTF that describe the content."""
+        buffers = [{"byteLength": len(self.content)}]
+        return {"buffers": buffers, "bufferViews": self.views, "accessors": self.accessors}
+
+    def add(self, values: Array | NDArray[np.intp], use: Mapping[str, int] = MappingProxyType({})) -> int:
+        """The index of a new accessor of values (n,) or (n, k): real ones as 32-bit floats, integers unsigned."""
+        component, kind = (5125, "<u4") if np.issubdtype(values.dtype, np.integer) else (5126, "<f4")
+        stored = values.astype(kind).reshape(len(values), -1)
+        self.accessors.append(
+            {
+                "bufferView": len(self.views),
+                "componentType": component,
+                "count": len(stored),
+                "type": "SCALAR" if values.ndim == 1 else f"VEC{stored.shape[1]}",
+                "min": stored.min(axis=0).tolist(),
+                "max": stored.max(axis=0).tolist(),
+            }
+        )
+        self.views.append({"buffer": 0, "byteOffset": len(self.content), "byteLength": stored.nbytes, **use})
+        self.content += stored.tobytes()
+        return len(self.accessors) - 1
+
+
+def _mesh(buffer: _Buffer, vertices: Array, targets: Mapping[str, Array]) -> dict[str, Any]:
+    """The mesh with vertices (V, 3) and displacements (V, 3), all in millimetres."""
+    triangles = Candide.default().triangles
+    normals = vertex_normals(vertices, triangles)
+    normals[~normals.any(axis=1)] = [0, 0, 1]  # glTF wants one of the vertices of no triangle, too
+    attributes = {"POSITION": _MM * vertices, "NORMAL": normals}
+    primitive = {
+        "attributes": {name: buffer.add(values, _OF_VERTICES) for name, values in attributes.items()},
+        "indices": buffer.add(triangles.ravel(), _OF_TRIANGLES),
+        "material": 0,
+        "targets": [{"POSITION": buffer.add(_MM * moved, _OF_VERTICES)} for moved in targets.values()],
+    }
+    names = {"targetNames": list(targets)}  # where Blender, Unity and three.js look for them
+    return {"name": "face", "primitives": [primitive], "weights": [0.0] * len(targets), "extras": names}
+
+
+def _animation(buffer: _Buffer, time: Array, keys: Mapping[str, Array]) -> dict[str, Any]:
+    """The animation of the first node: what it has at times (n,), by the name of the property."""
+    begin = buffer.add(time)
+    samplers = [{"input": begin, "output": buffer.add(values)} for values in keys.values()]
+    channels = [{"sampler": k, "target": {"node": 0, "path": name}} for k, name in enumerate(keys)]
+    return {"name": "track", "samplers": samplers, "channels": channels}
+
+
+def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """The camera of the video, at the origin, which looks along -z; with a warning if it does not look through the
+    middle of the picture, as glTF's do."""
+    focal_px, width, height = metadata["camera"]["focal_px"], metadata["video"]["width"], metadata["video"]["height"]
+    right, down = metadata["camera"]["cx"] - 0.5 * (width - 1), metadata["camera"]["cy"] - 0.5 * (height - 1)
+    if max(abs(right), abs(down)) > 1:
+        warn(
+            f"{path}: the camera looks through a point {right:+.1f} pixels right and {down:+.1f} down of the middle of "
+            "the picture, which glTF cannot say; the head is seen as far from its place"
+        )
+    fov = 2 * math.atan(0.5 * height / focal_px)
+    return {"type": "perspective", "perspective": {"yfov": fov, "aspectRatio": width / height, "znear": _NEAREST}}
+
+
+def _times(track: Track, known: Mask, path: Path) -> Array:
+    """Seconds (n,) of the known rows: those of the video, or, with a warning, those since the first row where glTF
+    cannot hold them."""
+    begin = track.time[0]
+    if 0 <= begin <= _LATEST_BEGIN:
+        return np.asarray(track.time[known])
+    warn(f"{path}: the times of the track begin at {begin:.2f} s, which glTF cannot hold; they are counted from there")
+    return np.asarray(track.time[known] - begin)
+
+
+def _quaternions(R: Array) -> Array:
+    """(n, 3, 3) -> (n, 4) x, y, z, w, of which each has the sign with which it is nearest to the one before."""
+    q = Rotation.from_matrix(R).as_quat()
+    flips = np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+    return np.asarray(q * np.cumprod([1.0, *flips])[:, None])
+
+
+def _container(content: Mapping[str, Any], binary: bytes) -> bytes:
+    """A GLB file: a header, and the chunks of JSON and of binary, each a multiple of four bytes long."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = b"".join(struct.pack("<I4s", len(c), kind) + c for c, kind in ((text, b"JSON"), (binary, b"BIN\0")))
+    return struct.pack("<4sII", _MAGIC, 2, 12 + len(chunks)) + chunks
