@@ -95,11 +95,15 @@ def refused(mien: Command, tmp_path: Path) -> Callable[..., None]:
 
 
 def test_track_writes_the_files_and_says_where(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
-    result = mien("track", video, "-o", "out.csv", "--landmarks", marks, "--overlay", "over.mp4", "--plot", "plot.png")
+    others = ("over.mp4", "plot.png", "head.glb")
+    asked = [
+        part for option, name in zip(("--overlay", "--plot", "--gltf"), others, strict=True) for part in (option, name)
+    ]
+    result = mien("track", video, "-o", "out.csv", "--landmarks", marks, *asked)
     assert result.status == 0
-    assert names(tmp_path) == {video.name, marks.name, "over.mp4", "plot.png", *TABLES}
+    assert names(tmp_path) == {video.name, marks.name, *others, *TABLES}
     assert [line for line in result.out.splitlines() if line.startswith("wrote")] == [
-        f"wrote {name}" for name in ("out.csv", "out.json", "out.parquet", "over.mp4", "plot.png")
+        f"wrote {name}" for name in ("out.csv", "out.json", "out.parquet", *others)
     ]
     track = Track.read(tmp_path / "out.csv")
     assert track.status == ["initialized"] + ["tracked"] * 5
@@ -116,6 +120,7 @@ def test_track_writes_the_files_and_says_where(mien: Command, video: Path, marks
         X = vertices[list(LANDMARK_VERTICES.values())]
         points = X[:, :2] / X[:, 2:] * camera["focal_px"] + [camera["cx"], camera["cy"]]
         assert np.abs(points - shown[row]).max() < 0.05 * np.ptp(shown[row][:, 0])
+    assert track.save_gltf("again.glb").read_bytes() == (tmp_path / "head.glb").read_bytes()
 
 
 def test_json_is_enough_to_get_the_same_numbers(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
@@ -208,6 +213,19 @@ def test_a_video_that_is_no_overlay_is_not_overwritten(
     assert holiday.read_bytes() == before
     for _ in range(2):
         assert mien(*asked, "over.mp4").status == 0
+
+
+def test_a_head_that_was_edited_is_not_overwritten(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
+) -> None:
+    asked = ["track", video, "-o", "out.csv", "--landmarks", marks, "--end", "0.1", "--gltf", "head.glb"]
+    assert mien(*asked).status == 0
+    written = (tmp_path / "head.glb").read_bytes()
+    assert mien(*asked).status == 0
+    edited = written.replace(b"mien", b"else", 1)
+    (tmp_path / "head.glb").write_bytes(edited)
+    refused(asked, "head.glb exists and is not as mien wrote it", "another name")
+    assert (tmp_path / "head.glb").read_bytes() == edited
 
 
 @pytest.mark.parametrize(("off", "warned"), [(0.0, False), (30.0, True)])
@@ -485,6 +503,7 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
         (["--start", "9"], "no frame from 9 s"),
         (["--start", "2", "--end", "1"], "must come before the end"),
         (["--plot", "plot.docx"], "plot.docx: mien writes .png"),
+        (["--gltf", "head.gltf"], "head.gltf: mien writes .glb"),
         (["--overlay", "over.avi"], "over.avi: mien writes .mp4"),
         (["--fps", "50"], "in.mkv has times of its own; omit --fps"),
         (["-o", "marks.json"], "marks.json would overwrite an input"),
@@ -529,8 +548,8 @@ def test_the_frame_rate_of_a_folder_is_known_for_another_run(
 
 def test_folder_that_cannot_be_written(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    for option in ("-o", "--overlay", "--plot"):
-        name = {"-o": "out.csv", "--overlay": "out.mp4", "--plot": "out.png"}[option]
+    names = {"-o": "out.csv", "--overlay": "out.mp4", "--plot": "out.png", "--gltf": "out.glb"}
+    for option, name in names.items():
         refused(["track", video, "--landmarks", marks, option, f"file/{name}"], f"file/{name} cannot be written")
     refused(["landmarks", video, "--landmarks", marks, "-o", "file/out.json"], "file/out.json cannot be written")
 

@@ -78,7 +78,8 @@ def detector(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("detector")
 def test_each_face_has_a_track_and_all_are_drawn(video: Path, tmp_path: Path) -> None:
     """The one that comes later is seen in a look after it came, and tracked back to where it came."""
-    files = {"save": tmp_path / "out.csv", "overlay": tmp_path / "out.mp4", "plot": tmp_path / "out.png"}
+    endings = {"save": ".csv", "overlay": ".mp4", "plot": ".png", "gltf": ".glb"}
+    files = {argument: tmp_path / f"out{ending}" for argument, ending in endings.items()}
     heard: list[tuple[int, int | None]] = []
     tracks = track_faces(
         video, 5, focal_px=FOCAL, at_once=True, progress=lambda e, total: heard.append((e.index, total)), **files
@@ -94,7 +95,7 @@ def test_each_face_has_a_track_and_all_are_drawn(video: Path, tmp_path: Path) ->
         assert (np.nanmean(track.landmarks[:, :, 0]) > WIDTH) == bool(face_id)
     assert len(heard) == 3 * COUNT  # both faces, and drawing them
     assert heard[-1][1] == 3 * COUNT
-    for name in ("out.csv", "out.face1.csv", "out.face1.png", "out.png"):
+    for name in ("out.csv", "out.face1.csv", "out.face1.png", "out.png", "out.glb", "out.face1.glb"):
         assert (tmp_path / name).exists()
     assert not (tmp_path / "out.face1.mp4").exists()
     about = json.loads((tmp_path / "out.json").read_text())

@@ -149,6 +149,13 @@ def test_an_overlay_is_drawn_for_trackers_without_a_mesh(tracker: StillTracker, 
     assert (tmp_path / "p.svg").stat().st_size > 0
 
 
+def test_a_head_is_refused_for_trackers_without_a_mesh(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
+    """Before anything is tracked."""
+    with pytest.raises(MienError, match=r"realtime fits no face model and has no head for .*head\.glb; omit that"):
+        mien.track(folder, save=tmp_path / "out", gltf=tmp_path / "head.glb")
+    assert list(tmp_path.iterdir()) == [folder]
+
+
 def test_landmarks_are_those_of_the_file_to_the_last_digit(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
     """Detected landmarks are rounded before they are used, so that a run from NAME.json is the same run."""
     known = known_portrait().landmarks

@@ -164,6 +164,9 @@ def track(
     fov: Fov = None,
     overlay: Annotated[Path | None, typer.Option(help="Video with mesh, landmarks and axes: .mp4.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Angles and animation over time: .png, .pdf or .svg.")] = None,
+    gltf: Annotated[
+        Path | None, typer.Option(help="The moving head for Blender, Unity, three.js and others: .glb.")
+    ] = None,
     show: Annotated[
         bool, typer.Option("--show", help="Show the overlay in a window while tracking; Esc stops.")
     ] = False,
@@ -185,7 +188,7 @@ def track(
     table = _output_path(output, _stem(video) + ".csv")
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
     given |= {"start": start, "end": end, "fps": fps, "at_once": at_once, "passes": passes}
-    given |= {"save": table, "overlay": overlay, "plot": plot}
+    given |= {"save": table, "overlay": overlay, "plot": plot, "gltf": gltf}
     for_one = {"--landmarks": landmarks, "--face": face, "--show": show or None}
     unwanted = [name for name, value in for_one.items() if value is not None]
     require(faces == 1 or not unwanted, f"{', '.join(unwanted)}: for one face only; omit it, or omit --faces")
@@ -198,7 +201,7 @@ def track(
         for face_id, result in enumerate(tracks):
             which = "the face" if faces == 1 else f"face {face_id}"
             typer.echo(f"{len(result)} frame{'s' * (len(result) != 1)}, {which} lost in {result.lost}")
-        files = Destination(table, overlay, plot)
+        files = Destination(table, overlay, plot, gltf)
         _print_written([path for face_id in range(len(tracks)) for path in files.of_face(face_id).paths()])
 
 

@@ -25,7 +25,7 @@ from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.pipeline.drawing import mesh_of
 from mien.pipeline.passes import Pass, run_passes
-from mien.pipeline.track import Progress, check_passes, reporter
+from mien.pipeline.track import Progress, check_mesh, check_passes, reporter
 from mien.registry import DEFAULT_PRESET, create_tracker, file_of
 from mien.start.first_frame import CONFIDENT, Start, prepare
 from mien.start.footage import Footage
@@ -128,20 +128,24 @@ def track_faces(
     save: str | Path | None = None,
     overlay: str | Path | None = None,
     plot: str | Path | None = None,
+    gltf: str | Path | None = None,
 ) -> list[Track]:
     """Track up to `faces` faces of a video file or a folder of images, in order of appearance, the largest first of
     those that appear together.
 
-    The other arguments are those of `mien.track`. The first face has NAME.csv and its plot, the second NAME.face1.csv,
-    and so on; `overlay` shows all of them. NAME.json states their number; until the last face is done, it is marked as
-    incomplete. Each track has a row for every frame, lost where a more confident track has the same face.
+    The other arguments are those of `mien.track`. The first face has NAME.csv, its plot and its head, the second
+    NAME.face1.csv, and so on; `overlay` shows all of them. NAME.json states their number; until the last face is done,
+    it is marked as incomplete. Each track has a row for every frame, lost where a more confident track has the same
+    face.
 
     Raises MienError for bad input, or if no face is found.
     """
     inputs = (video, camera, file_of(preset))
     footage = Footage(open_video(video, fps), camera, focal_px, fov_deg, start, end, fps)
-    files = Destination.checked(save, overlay, plot, inputs)
-    check_passes(passes, footage.video, create_tracker(preset), preset)
+    files = Destination.checked(save, overlay, plot, gltf, inputs)
+    tracker = create_tracker(preset)
+    check_passes(passes, footage.video, tracker, preset)
+    check_mesh(files, tracker, preset)
     name = footage.video.name
     require(isinstance(faces, Integral) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
     faces = int(faces)

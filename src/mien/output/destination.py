@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mien.errors import require, warn
 from mien.files import real_path, require_ending, require_writable
-from mien.output.track import PLOT_ENDINGS, Track, is_table_of_track, track_paths
+from mien.output.track import GLTF_ENDINGS, PLOT_ENDINGS, Track, is_table_of_track, track_paths
 from mien.video import refuse_among_images
 
 OVERLAY_ENDINGS = (".mp4",)
@@ -19,11 +19,12 @@ OVERLAY_ENDINGS = (".mp4",)
 @dataclass(frozen=True)
 class Destination:
     """Output paths of a track. table: NAME.csv, with NAME.json and NAME.parquet beside it; overlay: a video; plot: a
-    picture."""
+    picture; gltf: the moving head."""
 
     table: Path | None = None
     overlay: Path | None = None
     plot: Path | None = None
+    gltf: Path | None = None
 
     @classmethod
     def checked(
@@ -31,13 +32,14 @@ class Destination:
         save: str | Path | None,
         overlay: str | Path | None,
         plot: str | Path | None,
+        gltf: str | Path | None,
         inputs: Iterable[object] = (),
     ) -> Destination:
         """Create missing folders, and check that every file can be written, has a known suffix, and overwrites neither
         an input (the paths among `inputs`) nor another output. Raises MienError otherwise."""
         table = None if save is None else track_paths(save)[0]
-        pictures = ((overlay, OVERLAY_ENDINGS), (plot, PLOT_ENDINGS))
-        self = cls(table, *(None if path is None else require_ending(Path(path), of) for path, of in pictures))
+        others = ((overlay, OVERLAY_ENDINGS), (plot, PLOT_ENDINGS), (gltf, GLTF_ENDINGS))
+        self = cls(table, *(None if path is None else require_ending(Path(path), of) for path, of in others))
         self.check(inputs)
         return self
 
@@ -49,20 +51,24 @@ class Destination:
             _require_own(self.table)
         if self.overlay is not None:
             _require_own_overlay(self.overlay)
+        if self.gltf is not None and self.gltf.exists() and self.gltf.stat().st_size:
+            _require_own_gltf(self.gltf)
 
     def of_face(self, face_id: int) -> Destination:
-        """The output of a further face: NAME.face1.csv and its plot; the overlay of the first face shows it too."""
+        """The output of a further face: NAME.face1.csv, its plot and its head; the overlay of the first face shows it
+        too."""
         if face_id == 0:
             return self
-        table, plot = (
-            path and path.with_name(f"{path.stem}.face{face_id}{path.suffix}") for path in (self.table, self.plot)
+        table, plot, gltf = (
+            path and path.with_name(f"{path.stem}.face{face_id}{path.suffix}")
+            for path in (self.table, self.plot, self.gltf)
         )
-        return Destination(table, None, plot)
+        return Destination(table, None, plot, gltf)
 
     def paths(self) -> list[Path]:
         """Every file that will be written."""
         tables = [] if self.table is None else list(track_paths(self.table))
-        return tables + [p for p in (self.overlay, self.plot) if p is not None]
+        return tables + [p for p in (self.overlay, self.plot, self.gltf) if p is not None]
 
     def warn_if_stale(self, faces: int) -> None:
         """Warn if an earlier run with more than this number of faces has left a table."""
@@ -71,11 +77,13 @@ class Destination:
             warn(f"{stale} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
 
     def write(self, track: Track) -> None:
-        """Write the table and the plot; the overlay is written while tracking."""
+        """Write the table, the plot and the head; the overlay is written while tracking."""
         if self.table is not None:
             track.save(self.table)
         if self.plot is not None:
             track.plot(self.plot)
+        if self.gltf is not None:
+            track.save_gltf(self.gltf)
 
 
 def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
@@ -119,6 +127,13 @@ def _require_own_overlay(path: Path) -> None:
         not path.exists() or path.stat().st_size == 0 or is_overlay(path),
         f"{path} exists and is not an overlay by mien; choose another name with --overlay, or move it away",
     )
+
+
+def _require_own_gltf(path: Path) -> None:
+    """Raise MienError if a file is not of mien, or was exported again by a program in which it was edited."""
+    from mien.output.gltf import is_gltf_of_mien
+
+    require(is_gltf_of_mien(path), f"{path} exists and is not as mien wrote it; choose another name, or move it away")
 
 
 def _is_of_track(path: Path) -> bool:

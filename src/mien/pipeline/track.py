@@ -51,6 +51,7 @@ def track(
     save: str | Path | None = None,
     overlay: str | Path | None = None,
     plot: str | Path | None = None,
+    gltf: str | Path | None = None,
     show: bool = False,
 ) -> Track:
     """Track the face of a video file, a folder of images, a camera (its number) or an iterable of `mien.Frame`; a list
@@ -63,19 +64,20 @@ def track(
     seconds of its looking into the camera (file), or from the first in which it does (live camera). face: a point of
     the image, in pixels, on the face to track; by default the largest face. passes: 2 tracks a file twice, the second
     time with the face shape learned in the first: more accurate, half as fast. save: path of NAME.csv, with NAME.json
-    and NAME.parquet beside it; overlay: an `.mp4`; plot: a `.png`, `.pdf` or `.svg`; show: display the overlay in a
-    window while tracking.
+    and NAME.parquet beside it; overlay: an `.mp4`; plot: a `.png`, `.pdf` or `.svg`; gltf: a `.glb`, as of
+    `Track.save_gltf`; show: display the overlay in a window while tracking.
 
     If tracking is interrupted (Ctrl-C, window closed, error), the frames tracked so far are written to `save`, and with
-    it to `plot`, before the exception propagates, and `complete` in NAME.json is false. If that happens in the second
-    pass, the files are those of the first. Raises MienError for bad input.
+    it to `plot` and `gltf`, before the exception propagates, and `complete` in NAME.json is false. If that happens in
+    the second pass, the files are those of the first. Raises MienError for bad input.
     """
     tracker = create_tracker(preset)
     footage = Footage(open_video(video, fps), camera, focal_px, fov_deg, start, end, fps)
-    files = Destination.checked(save, overlay, plot, inputs=(video, landmarks, camera, file_of(preset)))
+    files = Destination.checked(save, overlay, plot, gltf, inputs=(video, landmarks, camera, file_of(preset)))
     if show:
         require_screen()
     check_passes(passes, footage.video, tracker, preset)
+    check_mesh(files, tracker, preset)
     report = reporter(progress, footage, passes)
     with Window(footage.video.name) if show else nullcontext() as window:
         begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
@@ -106,3 +108,9 @@ def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> No
     if passes > 1:
         require(video.repeatable, f"{video.name} can be read only once; a second pass needs a file or a list of frames")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could use; give 1")
+
+
+def check_mesh(files: Destination, tracker: Tracker, preset: str) -> None:
+    """Raise MienError if a moving head is to be written, and the tracker, which has seen no frame yet, has no mesh."""
+    can = hasattr(tracker, "mesh")  # it is a `FittedTracker` only once it has its `fit`
+    require(files.gltf is None or can, f"{preset} fits no face model and has no head for {files.gltf}; omit that")
