@@ -543,6 +543,11 @@ def test_the_frame_rate_of_a_folder_is_known_for_another_run(
         settings = json.loads((tmp_path / "out.json").read_text())
         assert settings["video"]["fps"] == (fps or 25)
         assert settings["asked"]["fps"] == fps
+    marked = json.loads(marks.read_text())
+    (tmp_path / "m.json").write_text(json.dumps(marked | {"frame": 2, "time": 0.04}))
+    assert mien("landmarks", "images", "--landmarks", "m.json", "--fps", "50", "-o", "l.json").status == 0
+    first = json.loads((tmp_path / "l.json").read_text())
+    assert (first["frame"], first["time"]) == (2, 0.04)
     refused(["track", video, "--faces", "2", "--fps", "50"], "in.mkv has times of its own; omit --fps")
 
 

@@ -263,6 +263,7 @@ def landmarks(
     focal: Focal = None,
     fov: Fov = None,
     start: Start = None,
+    fps: Fps = None,
     at_once: AtOnce = False,
     face: Face = None,
     quiet: Quiet = False,
@@ -284,6 +285,7 @@ def landmarks(
         focal_px=focal,
         fov_deg=fov,
         start=start,
+        fps=fps,
         at_once=at_once,
         face=face,
     )

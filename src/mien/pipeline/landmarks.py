@@ -30,6 +30,7 @@ def write_first_frame(
     focal_px: float | None = None,
     fov_deg: float | None = None,
     start: float | None = None,
+    fps: float | None = None,
     at_once: bool = False,
     face: Point | None = None,
 ) -> FirstFrame:
@@ -43,7 +44,7 @@ def write_first_frame(
     require_ending(Path(plot), (".png",))
     require_ending(Path(output), (".json",) if landmarks is None else (".json", ".pts"))
     require_free((Path(output), Path(plot)), (video, camera))  # the landmarks themselves may be written again
-    begin = prepare(Footage(open_video(video), camera, focal_px, fov_deg, start), landmarks, at_once, face)
+    begin = prepare(Footage(open_video(video, fps), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
