@@ -18,11 +18,12 @@ from typer.testing import CliRunner
 
 from mien import batch
 from mien._version import __version__
-from mien.batch import BatchOptions, Row, find_videos, track_all
+from mien.batch import BatchOptions, find_videos, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
 from mien.output.overlay import OverlayWriter
+from mien.output.summary import Row
 from mien.output.track import ENDINGS, Track
 from mien.processes import Command
 from mien.tracking.state import Estimate, Status

@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mien._version import __version__
 from mien.errors import MienError, require, warn
-from mien.files import checksum, real_path, reason_of, require_writable, size_of, whole_file
+from mien.files import checksum, real_path, reason_of, require_writable, size_of
 from mien.output.destination import OVERLAY_ENDINGS, Destination
+from mien.output.summary import (
+    FAILED,
+    KEPT,
+    PENDING,
+    SUMMARY,
+    TRACKED,
+    Row,
+    as_written,
+    face_rows,
+    notes_of,
+    read_summary,
+    require_own_tables,
+    write_summary,
+)
 from mien.output.track import Track
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
 from mien.start.footage import check_options, requested_options
-from mien.tracking.state import Status
 from mien.video import VIDEO_SUFFIXES, list_images
 
-SUMMARY = "summary.csv"
-TRACKED, KEPT, FAILED, PENDING = "tracked", "kept", "failed", "not yet"
-"""State of a video: tracked in this run; kept from an earlier run; failed; not reached before the run was stopped."""
 _FACE = re.compile(r"\.face[0-9]+$")
 """The suffix that `Destination.of_face` appends to the stem of a table."""
-_WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
-"""The note of a video whose process outlived the run that started it."""
-_CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
-"""How the summary is opened: in names of files that are not valid UTF-8, bytes are replaced by their escapes."""
 _OVERLAY = ".overlay.mp4"
 _MESSAGE_PREFIX = "mien: "
 """The prefix of warnings and errors on the command line."""
@@ -83,26 +86,6 @@ class BatchOptions:
         return [file for file in (file_of(self.preset), code_of(self.preset), self.camera) if file is not None]
 
 
-@dataclass(frozen=True)
-class Row:
-    """One face of a video in the summary.
-
-    faces: number of faces in the video; lost, unsure: number of frames without the face, and of those with it at a
-    confidence below one half; begun: time in seconds of the first frame; note: the error, or the warnings.
-    """
-
-    video: Path
-    table: Path
-    state: str = PENDING
-    face_id: int = 0
-    faces: int | None = None
-    frames: int | None = None
-    lost: int | None = None
-    unsure: int | None = None
-    begun: float | None = None
-    note: str = ""
-
-
 def track_all(
     paths: Sequence[Path],
     out: Path,
@@ -123,19 +106,19 @@ def track_all(
     options = options or BatchOptions()
     create_tracker(options.preset)  # report wrong options once, now, and not for every video
     check_options(options)
-    earlier_rows = _rows_of(out / SUMMARY)
-    notes = _notes(earlier_rows)
+    earlier_rows = read_summary(out / SUMMARY)
+    notes = notes_of(earlier_rows)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     waiting = []
     for k, (row,) in enumerate(found):
-        kept = None if options.again else _kept_rows(replace(row, note=notes.get(_as_written(row.video), "")), options)
+        kept = None if options.again else _kept_rows(replace(row, note=notes.get(as_written(row.video), "")), options)
         if kept is None:
             waiting.append(k)
         else:
             found[k] = kept
-    _require_own_tables({found[k][0].table: found[k][0].video for k in waiting}, earlier_rows, out / SUMMARY)
-    _write(found, out / SUMMARY)
+    require_own_tables({found[k][0].table: found[k][0].video for k in waiting}, earlier_rows, out / SUMMARY)
+    write_summary(found, out / SUMMARY)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
     earlier = _times(file for k in waiting for file in _all_files(found[k][0].table))
@@ -145,14 +128,14 @@ def track_all(
             k = waiting[ended.index]
             found[k] = _outcome(found[k][0], ended, earlier)
             with suppress(MienError):  # a later write includes it too, and the last one must succeed
-                _write(found, out / SUMMARY)
+                write_summary(found, out / SUMMARY)
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
         done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
         warn(f"stopped; {done} of {len(found)} videos are done; run the same command again to continue")
         raise
     finally:
-        _write(found, out / SUMMARY)
+        write_summary(found, out / SUMMARY)
     return [faces[0] for faces in found]
 
 
@@ -285,7 +268,7 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
         other = known["video"].get("inode") != row.video.stat().st_ino
         if other and known["video"].get("sha256") != checksum(row.video):
             return None
-        return _face_rows(replace(row, state=KEPT), track)
+        return face_rows(replace(row, state=KEPT), track)
     return None
 
 
@@ -298,74 +281,6 @@ def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
         messages = messages or [f"{row.video}: {ended.reason}"]
         return [replace(row, state=FAILED, note="; ".join(messages + of_earlier_run))]
     try:
-        return _face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
+        return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
-
-
-def _with_counts(row: Row, track: Track) -> Row:
-    """The row with the counts from a track of its video."""
-    begun = track.time[track.status.index(Status.INITIALIZED)] if Status.INITIALIZED in track.status else None
-    sure = np.nan_to_num(track.confidence) >= 0.5
-    unsure = sum(status != Status.LOST and not of for status, of in zip(track.status, sure, strict=True))
-    faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
-    return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
-
-
-def _face_rows(row: Row, track: Track) -> list[Row]:
-    """The rows of all faces of a video; `row` and `track` are those of the first. Raises MienError if the table of
-    another is damaged."""
-    rows = [_with_counts(row, track)]
-    for face_id in range(1, rows[0].faces or 1):
-        table = Destination(row.table).of_face(face_id).table
-        if table is not None and table.exists():
-            rows.append(_with_counts(replace(rows[0], table=table, face_id=face_id, note=""), Track.read(table)))
-    return rows
-
-
-def _require_own_tables(found: Mapping[Path, Path], rows: Iterable[Mapping[str, str]], summary: Path) -> None:
-    """Raise MienError if a table is, by the rows of an earlier run's summary, another video's that is still there.
-    found: videos by their tables."""
-    for row in rows:
-        table, video = Path(row.get("table") or ""), Path(row.get("video") or "")
-        own = found.get(table)
-        require(
-            own is None or not table.exists() or not video.exists() or real_path(own) == real_path(video),
-            f"{table} is the table of {video}, by {summary}, and {own} would replace it; choose another folder with -o",
-        )
-
-
-def _notes(rows: Iterable[Mapping[str, str]]) -> dict[str, str]:
-    """The notes in the rows of an earlier run's summary, by video. The note of a video that had not finished then says
-    that its warnings are unknown."""
-    return {
-        row.get("video") or "": _WARNINGS_UNKNOWN if row.get("state") == PENDING else row.get("note") or ""
-        for row in rows
-    }
-
-
-def _rows_of(summary: Path) -> list[dict[str, str]]:
-    """The rows of an earlier summary, one for each video; none without a summary."""
-    if not summary.is_file():
-        return []
-    try:
-        with summary.open(**_CSV) as stream:
-            return [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
-    except (ValueError, csv.Error):
-        return []
-
-
-def _as_written(video: Path) -> str:
-    """The path of a video as the summary has it."""
-    return str(video).encode(_CSV["encoding"], _CSV["errors"]).decode(_CSV["encoding"])
-
-
-def _write(found: Sequence[Sequence[Row]], path: Path) -> None:
-    """Write the summary: one row per face, or per video without one."""
-    names = [field.name for field in fields(Row)]
-    with whole_file(path) as file, file.open("w", **_CSV) as stream:
-        writer = csv.writer(stream)
-        writer.writerow(names)
-        for row in chain.from_iterable(found):
-            values = (getattr(row, name) for name in names)
-            writer.writerow(["" if value is None else value for value in values])

@@ -227,7 +227,8 @@ def batch(
     quiet: Quiet = False,
 ) -> None:
     """Track many videos, several at a time, continue where an earlier run stopped, and write a summary."""
-    from mien.batch import FAILED, KEPT, SUMMARY, TRACKED, BatchOptions, track_all
+    from mien.batch import BatchOptions, track_all
+    from mien.output.summary import FAILED, KEPT, SUMMARY, TRACKED
     from mien.processes import progress_bar
 
     options = BatchOptions(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
