@@ -244,10 +244,34 @@ def test_every_face_of_a_video_is_a_row(videos: Path, code: dict[str, str], tmp_
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]  # of which one face is wanted now
 
 
-def test_a_crash_names_the_video(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
-    code["a.mp4"] = "import os; os.abort()"
-    rows = track_all([videos / "a.mp4"], tmp_path / "out")
-    assert "a.mp4: the process crashed (SIGABRT)" in rows[0].note
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        ("import os; os.abort()", "the process crashed (SIGABRT)"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "the process crashed (SIGKILL)"),
+        ("raise RuntimeError('alas')", "RuntimeError: alas"),
+        ("raise SystemExit('mien: alas')", "alas"),
+    ],
+)
+def test_a_failure_has_its_reason_whatever_was_warned_of(
+    end: str, reason: str, videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    code["a.mp4"] = f"import sys; print('mien: the face is turned', file=sys.stderr, flush=True); {end}"
+    assert track_all([videos / "a.mp4"], tmp_path / "out")[0].note == f"{reason}; the face is turned"
+
+
+@pytest.mark.parametrize("between", [": ", " "])
+def test_a_note_does_not_repeat_the_name_of_its_video(
+    between: str, videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    video = videos / "a.mp4"
+    said = f"import sys; print({f'mien: {video}{between}alas'!r}, file=sys.stderr); "
+    code["a.mp4"] = said + COPY
+    assert track_all([video], tmp_path / "out")[0].note == "alas"
+    code["a.mp4"] = said + "sys.exit(2)"
+    assert track_all([video], tmp_path / "out", BatchOptions(again=True))[0].note == (
+        "alas; a.csv is from an earlier run"
+    )
 
 
 def test_what_is_done_is_kept(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -480,7 +504,7 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     result = CliRunner().invoke(app, asked)
     assert result.exit_code == 2
     assert "1 of 2 videos tracked" in result.output
-    assert "broken.mp4 cannot be read as a video" in result.output
+    assert "mien: broken.mp4: cannot be read as a video" in result.output
     assert "1 of 2 videos could not be tracked" in result.output
     made = sorted(p.name for p in out.iterdir())
     assert made == ["-face.csv", "-face.json", "-face.overlay.mp4", "-face.parquet", "-face.png", "summary.csv"]

@@ -274,13 +274,19 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
 
 def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
     """The rows of a video whose process has ended. earlier: `_times` of its files before."""
-    messages = [line.removeprefix(_MESSAGE_PREFIX) for line in ended.output if line.startswith(_MESSAGE_PREFIX)]
+    messages = [_message(line, row.video) for line in ended.output if line.startswith(_MESSAGE_PREFIX)]
     old = [file.name for file, time in _times(_all_files(row.table)).items() if earlier.get(file) == time]
     of_earlier_run = [f"{', '.join(old)} {'is' if len(old) == 1 else 'are'} from an earlier run"] * bool(old)
     if ended.reason:
-        messages = messages or [f"{row.video}: {ended.reason}"]
+        reason = _message(ended.reason, row.video)
+        messages = [reason, *(message for message in messages if message != reason)]
         return [replace(row, state=FAILED, note="; ".join(messages + of_earlier_run))]
     try:
         return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
+
+
+def _message(line: str, video: Path) -> str:
+    """A line that the process of a video has printed, without what its row tells: by whom, and of which video."""
+    return re.sub(rf"^{re.escape(str(video))}:? ", "", line.removeprefix(_MESSAGE_PREFIX))

@@ -241,7 +241,7 @@ def batch(
         typer.echo(f"wrote {out / SUMMARY}")
     for row in rows:
         if row.state == FAILED:
-            _print_error(f"mien: {row.note}")
+            _print_error(f"mien: {row.video}: {row.note}")
     if count[FAILED]:
         raise MienError(f"{count[FAILED]} of {len(rows)} videos could not be tracked; {out / SUMMARY} lists them all")
 

@@ -31,7 +31,7 @@ class Row:
     """One face of a video in the summary.
 
     faces: number of faces in the video; lost, unsure: number of frames without the face, and of those with it at a
-    confidence below one half; begun: time in seconds of the first frame; note: the error, or the warnings.
+    confidence below one half; begun: time in seconds of the first frame; note: the error, and the warnings.
     """
 
     video: Path
