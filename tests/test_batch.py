@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 import time
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from mien.output.overlay import OverlayWriter
 from mien.output.summary import Row
 from mien.output.track import ENDINGS, Track
 from mien.processes import Command
+from mien.start.footage import requested_options
 from mien.tracking.state import Estimate, Status
 from videos import portrait_images, write_video
 
@@ -40,6 +42,7 @@ while len([p for p in folder.glob("*.pid") if p.read_text()]) < 2:
     time.sleep(0.01)
 """
 
+CAMERA = '{"focal_px": 500, "cx": 160, "cy": 120}'
 ASKED = {name: None for name in ("camera", "focal_px", "fov_deg", "start", "end", "fps", "face")} | {"at_once": False}
 
 
@@ -83,6 +86,14 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
 def _summary(out: Path) -> list[dict[str, str]]:
     with (out / "summary.csv").open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
+
+
+def _done_with(folder: Path, options: BatchOptions) -> None:
+    """Let the track that is copied come from these options."""
+    done = Track.read(folder / "done.csv")
+    asked = requested_options(options, options.at_once)
+    metadata = {**done.metadata, "preset": options.preset, "asked": asked, **options.contents}
+    Track(done.table, metadata).save(folder / "done.csv")
 
 
 def _states(rows: list[Row]) -> list[str]:
@@ -300,7 +311,7 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
     assert _states(track_all([videos / "a.mp4"], out)) == ["tracked"]
     assert _states(track_all([videos / "sub"], out / "sub")) == ["kept"] * 2
     camera = tmp_path / "camera.json"
-    camera.write_text('{"focal_px": 500, "cx": 160, "cy": 120}')
+    camera.write_text(CAMERA)
     os.utime(camera, (0, 0))
     other = (
         BatchOptions(preset="paper"),
@@ -401,22 +412,36 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("file", "content", "preset"),
+    ("file", "content", "changed", "options"),
     [
-        ("own.json", '{"view_rate": 0}', "realtime:own.json"),
-        ("changing_tracker.py", "class Own:\n    initialize = track = None.__init__\n", "changing_tracker:Own"),
+        ("own.json", '{"view_rate": 0}', '{"view_rate": 0.5}', BatchOptions(preset="realtime:own.json")),
+        ("camera.json", CAMERA, CAMERA.replace("500", "600"), BatchOptions(camera=Path("camera.json"))),
     ],
 )
-def test_settings_and_trackers_of_your_own_that_have_changed_are_used(
-    file: str, content: str, preset: str,
+def test_what_the_files_of_settings_and_camera_say_counts_and_not_when_they_were_written(
+    file: str, content: str, changed: str, options: BatchOptions,
     videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     own, out = tmp_path / file, tmp_path / "out"
     own.write_text(content)
-    options = BatchOptions(preset=preset)
-    done = Track.read(tmp_path / "done.csv")
-    Track(done.table, {**done.metadata, "preset": preset}).save(tmp_path / "done.csv")
+    _done_with(tmp_path, options)
+    track_all([videos], out, options)
+    os.utime(own, (time.time() + 10, time.time() + 10))
+    assert _states(track_all([videos], out, options)) == ["kept"] * 3
+    own.write_text(changed)
+    os.utime(own, (0, 0))  # as of a file that was moved here
+    assert _states(track_all([videos], out, replace(options))) == ["tracked"] * 3
+
+
+def test_a_tracker_of_your_own_that_has_changed_is_used(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    own, out = tmp_path / "changing_tracker.py", tmp_path / "out"
+    own.write_text("class Own:\n    initialize = track = None.__init__\n")
+    options = BatchOptions(preset="changing_tracker:Own")
+    _done_with(tmp_path, options)
     track_all([videos], out, options)
     assert _states(track_all([videos], out, options)) == ["kept"] * 3
     os.utime(own, (time.time() + 10, time.time() + 10))
@@ -500,7 +525,11 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.chdir(videos)
     write_video(videos / "-face.mkv", portrait_images())
     (videos / "broken.mp4").write_bytes(b"no video")
-    asked = ["batch", ".", "-o", str(out), "--focal", "500", "--end", "10", "--at-once", "--overlay", "--plot"]
+    camera, own = tmp_path / "camera.json", tmp_path / "own.json"
+    camera.write_text(CAMERA)
+    own.write_text('{"view_rate": 0}')
+    asked = ["batch", ".", "-o", str(out), "--camera", str(camera), "--preset", f"realtime:{own}"]
+    asked += ["--end", "10", "--at-once", "--overlay", "--plot"]
     result = CliRunner().invoke(app, asked)
     assert result.exit_code == 2
     assert "1 of 2 videos tracked" in result.output

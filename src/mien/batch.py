@@ -7,7 +7,8 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,8 @@ from mien.output.summary import (
 from mien.output.track import Track
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
-from mien.start.footage import check_options, requested_options
+from mien.start.footage import check_options, read_camera, requested_options
+from mien.tracking.abilities import settings_of
 from mien.video import VIDEO_SUFFIXES, list_images
 
 _FACE = re.compile(r"\.face[0-9]+$")
@@ -71,7 +73,7 @@ class BatchOptions:
     def match(self, metadata: Mapping[str, Any]) -> bool:
         """Whether the track with this NAME.json is complete, and from the same options and this version of mien."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
-        wanted["asked"] = requested_options(self, self.at_once)
+        wanted |= {"asked": requested_options(self, self.at_once), **self.contents}
         return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
@@ -80,10 +82,18 @@ class BatchOptions:
         files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
         return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
 
+    @cached_property
+    def contents(self) -> dict[str, Any]:
+        """The settings of the tracker and the camera that are given by files, as NAME.json has them."""
+        settings = None if file_of(self.preset) is None else settings_of(create_tracker(self.preset))
+        camera = None if self.camera is None else asdict(read_camera(self.camera))
+        return {name: known for name, known in (("settings", settings), ("camera", camera)) if known}
+
     @property
     def inputs(self) -> list[Path]:
-        """The files that `mien track` reads in addition to each video."""
-        return [file for file in (file_of(self.preset), code_of(self.preset), self.camera) if file is not None]
+        """The files that `mien track` reads in addition to each video, and whose contents NAME.json does not have."""
+        file = None if "settings" in self.contents else file_of(self.preset)
+        return [path for path in (file, code_of(self.preset)) if path is not None]
 
 
 def track_all(
