@@ -542,3 +542,16 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     again = CliRunner().invoke(app, asked)
     assert again.exit_code == 0
     assert "0 of 1 videos tracked, 1 already done" in again.output
+
+
+def test_pictures_of_an_earlier_track_are_made_again(tmp_path: Path) -> None:
+    video, out = write_video(tmp_path / "face.mkv", portrait_images()), tmp_path / "out"
+    drawn = BatchOptions(at_once=True, overlay=True, plot=True)
+    later = replace(drawn, start=0.04)
+    for options, state in (
+        (drawn, "tracked"), (replace(later, overlay=False, plot=False), "tracked"), (later, "tracked"), (later, "kept"),
+        (replace(later, overlay=False, plot=False), "kept"), (later, "kept"),
+    ):  # fmt: skip
+        assert _states(track_all([video], out, options)) == [state]
+    known = json.loads((out / "face.json").read_text())
+    assert (known["overlay"], known["plot"]) == ("face.overlay.mp4", "face.png")

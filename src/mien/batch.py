@@ -70,10 +70,14 @@ class BatchOptions:
         pairs = ((name, str(value)) for name, value in given.items() if value is not None)
         return [*chain.from_iterable(pairs), *["--at-once"] * self.at_once]
 
-    def match(self, metadata: Mapping[str, Any]) -> bool:
-        """Whether the track with this NAME.json is complete, and from the same options and this version of mien."""
+    def match(self, metadata: Mapping[str, Any], table: Path) -> bool:
+        """Whether the track with this NAME.json is complete, from the same options and this version of mien, and has
+        the pictures of this table that are wanted."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
         wanted |= {"asked": requested_options(self, self.at_once), **self.contents}
+        overlay, plot = _pictures(table)
+        wanted |= {"overlay": overlay.name} if self.overlay else {}
+        wanted |= {"plot": plot.name} if self.plot else {}
         return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
@@ -265,7 +269,7 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     except MienError:
         return None
     known = track.metadata
-    if not options.match(known) or known.get("video", {}).get("bytes") != size_of(row.video):
+    if not options.match(known, row.table) or known.get("video", {}).get("bytes") != size_of(row.video):
         return None
     files = options.files_of(row.table, known.get("faces", 1))
     read = [row.video, *(list_images(row.video) if row.video.is_dir() else ())]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mien.errors import require, warn
@@ -77,9 +77,14 @@ class Destination:
             warn(f"{stale} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
 
     def write(self, track: Track) -> None:
-        """Write the table, the plot and the head; the overlay is written while tracking."""
+        """Write the table, of which NAME.json names the pictures, the plot and the head; the overlay is written
+        while tracking."""
+        if self.plot is not None:
+            self.plot.unlink(missing_ok=True)  # if this is stopped, no earlier track's plot is left with the table
         if self.table is not None:
-            track.save(self.table)
+            pictures = {"overlay": self.overlay, "plot": self.plot}
+            names = {name: None if path is None else path.name for name, path in pictures.items()}
+            replace(track, metadata={**track.metadata, **names}).save(self.table)
         if self.plot is not None:
             track.plot(self.plot)
         if self.gltf is not None:
