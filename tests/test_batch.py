@@ -492,6 +492,21 @@ def test_a_video_that_outlives_a_run_that_is_killed_says_that_nothing_was_noted(
     assert track_all([videos], left, BatchOptions(again=True))[0].note == ""
 
 
+def test_a_video_with_a_long_name_is_tracked(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    """Its overlay's name would be longer than file systems allow."""
+    (videos / f"{245 * 'n'}.mp4").write_bytes(b"")
+    for state in ("tracked", "kept"):
+        assert _states(track_all([videos], tmp_path / "out")) == [state] * 4
+
+
+def test_a_video_whose_name_is_too_long_for_a_table_is_a_row(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    for ending in ("mp4", "avi"):  # the names of their tables include it
+        (videos / f"{251 * 'n'}.{ending}").write_bytes(b"")
+    assert _states(track_all([videos], tmp_path / "out")) == ["tracked", "failed", "failed", "tracked", "tracked"]
+
+
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)

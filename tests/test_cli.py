@@ -157,6 +157,14 @@ def test_a_folder_is_named_by_the_slash_at_its_end(mien: Command, video: Path, m
     assert names(tmp_path) == {video.name, marks.name, "a", "c"}
 
 
+def test_a_long_name_leaves_no_room_for_that_of_a_further_face(
+    mien: Command, video: Path, marks: Path, tmp_path: Path
+) -> None:
+    name = 247 * "n"
+    assert mien("track", video, "-o", f"{name}.csv", "--landmarks", marks, "--end", "0.01").status == 0
+    assert (tmp_path / f"{name}.csv").exists()
+
+
 def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
     result = mien("landmarks", video, "--landmarks", marks)
     assert result.status == 0

@@ -15,7 +15,7 @@ from typing import Any
 
 from mien._version import __version__
 from mien.errors import MienError, require, warn
-from mien.files import checksum, real_path, reason_of, require_writable, size_of
+from mien.files import checksum, exists, real_path, reason_of, require_writable, size_of
 from mien.output.destination import OVERLAY_ENDINGS, Destination
 from mien.output.summary import (
     FAILED,
@@ -237,7 +237,7 @@ def _all_files(table: Path) -> tuple[Path, ...]:
 
 def _times(files: Iterable[Path]) -> dict[Path, int]:
     """When those of the files that exist were written, in nanoseconds by the clock of their file system."""
-    return {file: file.stat().st_mtime_ns for file in files if file.exists()}
+    return {file: file.stat().st_mtime_ns for file in files if exists(file)}
 
 
 def _is_overlay(file: Path) -> bool:
@@ -262,7 +262,7 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     All its files must exist, be complete and no older than the video, which must be the same, and come from the same
     tracker with the same settings.
     """
-    if not row.table.exists():
+    if not exists(row.table):
         return None
     try:
         track = Track.read(row.table)
@@ -273,7 +273,7 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
         return None
     files = options.files_of(row.table, known.get("faces", 1))
     read = [row.video, *(list_images(row.video) if row.video.is_dir() else ())]
-    if not all(file.exists() for file in files):
+    if not all(map(exists, files)):
         return None
     with suppress(MienError, OSError):
         if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *options.inputs)):

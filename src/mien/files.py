@@ -89,6 +89,11 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def exists(path: Path) -> bool:
+    """Whether there is such a file or folder; `Path.exists` fails for a longer name than the file system allows."""
+    return os.path.exists(path)
+
+
 def checksum(path: Path) -> str:
     """SHA-256, in hexadecimal, of a file, or of the names and contents of the files in a folder."""
     digest = hashlib.sha256()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mien.errors import require, warn
-from mien.files import real_path, require_ending, require_writable
+from mien.files import exists, real_path, require_ending, require_writable
 from mien.output.track import GLTF_ENDINGS, PLOT_ENDINGS, Track, is_table_of_track, track_paths
 from mien.video import refuse_among_images
 
@@ -73,7 +73,7 @@ class Destination:
     def warn_if_stale(self, faces: int) -> None:
         """Warn if an earlier run with more than this number of faces has left a table."""
         stale = self.of_face(faces).table
-        if stale is not None and stale.exists():
+        if stale is not None and exists(stale):
             warn(f"{stale} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
 
     def write(self, track: Track) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mien.errors import require
-from mien.files import real_path, whole_file
+from mien.files import exists, real_path, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.tracking.state import Status
@@ -52,7 +52,7 @@ def face_rows(row: Row, track: Track) -> list[Row]:
     rows = [_with_counts(row, track)]
     for face_id in range(1, rows[0].faces or 1):
         table = Destination(row.table).of_face(face_id).table
-        if table is not None and table.exists():
+        if table is not None and exists(table):
             rows.append(_with_counts(replace(rows[0], table=table, face_id=face_id, note=""), Track.read(table)))
     return rows
 
@@ -73,7 +73,7 @@ def require_own_tables(found: Mapping[Path, Path], rows: Iterable[Mapping[str, s
         table, video = Path(row.get("table") or ""), Path(row.get("video") or "")
         own = found.get(table)
         require(
-            own is None or not table.exists() or not video.exists() or real_path(own) == real_path(video),
+            own is None or not exists(table) or not video.exists() or real_path(own) == real_path(video),
             f"{table} is the table of {video}, by {summary}, and {own} would replace it; choose another folder with -o",
         )
 
