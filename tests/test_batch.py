@@ -230,7 +230,8 @@ def test_every_video_is_a_row(videos: Path, code: dict[str, str], tmp_path: Path
     assert _states(rows) == ["tracked", "failed", "tracked"]
     assert heard == [(0, 3), (1, 3), (2, 3), (3, 3)]
     first, second, third = _summary(out)
-    expected = {"frames": "3", "lost": "1", "unsure": "1", "begun": "0.5", "note": ""}
+    expected = {"frames": "3", "duration": "1.0", "lost": "1", "unsure": "1", "begun": "0.5", "note": ""}
+    assert first["confidence"] == "0.65"  # the mean of 1 and 0.3
     assert expected.items() <= first.items()
     assert (second["state"], second["frames"], second["note"]) == ("failed", "", "alas")
     assert third["note"] == "the face is turned"
@@ -366,6 +367,19 @@ def test_the_table_of_another_video_is_not_replaced(videos: Path, code: dict[str
     assert _states(track_all([tmp_path / "other"], out)) == ["tracked", "kept", "kept"]
 
 
+def test_tables_of_videos_that_are_named_alike_from_elsewhere_are_not_replaced(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for day in ("monday", "tuesday"):
+        shutil.copytree(videos, tmp_path / day / "videos")
+    (tmp_path / "tuesday" / "videos" / "a.mp4").write_bytes(b"another")
+    monkeypatch.chdir(tmp_path / "monday")
+    track_all([Path("videos")], Path("../out"))
+    monkeypatch.chdir(tmp_path / "tuesday")
+    with pytest.raises(MienError, match=r"a\.csv is the table of .*monday.videos.a\.mp4"):
+        track_all([Path("videos")], Path("../out"))
+
+
 def test_a_video_that_can_no_longer_be_read_is_tried_again(
     videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -454,10 +468,75 @@ def test_what_was_noted_of_a_video_is_kept_with_it(videos: Path, code: dict[str,
     for state in ("tracked", "kept"):
         row = track_all([videos / "a.mp4"], out)[0]
         assert (row.state, row.note) == (state, "the face is turned")
-    (out / "summary.csv").write_bytes(b"\xff\x00")
+    (out / "summary.csv").unlink()
     assert track_all([videos / "a.mp4"], out)[0].note == ""
     del code["a.mp4"]
     assert track_all([videos / "a.mp4"], out, BatchOptions(again=True))[0].note == ""
+
+
+def test_what_was_noted_is_kept_however_the_videos_are_named(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code["b.avi"] = WARNED
+    out = tmp_path / "out"
+    track_all([videos], out)
+    monkeypatch.chdir(videos)
+    assert [row.note for row in track_all([Path(".")], Path("../out"))] == ["", "the face is turned", ""]
+    monkeypatch.chdir(tmp_path)
+    assert [row.note for row in track_all([Path("videos")], Path("out"))] == ["", "the face is turned", ""]
+    out.rename(tmp_path / "moved")
+    assert [row.note for row in track_all([videos], tmp_path / "moved")] == ["", "the face is turned", ""]
+
+
+def test_the_summary_keeps_what_a_run_over_some_of_the_videos_was_not_asked_for(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    code.update({"b.avi": WARNED, "c.MOV": ALAS})
+    out = tmp_path / "out"
+    track_all([videos], out)
+    first, *others = _summary(out)
+    assert _states(track_all([videos / "a.mp4"], out)) == ["kept"]
+    assert _summary(out) == [first | {"state": "kept"}, *others]
+    (videos / "sub" / "c.MOV").unlink()  # and it has no table
+    track_all([videos / "a.mp4"], out)
+    assert _summary(out) == [first | {"state": "kept"}, others[0]]
+    assert [row.note for row in track_all([videos], out)] == ["", "the face is turned"]
+
+
+def test_a_summary_of_paths_as_they_were_given_is_read(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = Path("out")
+    track_all([videos], out)
+    rows = "".join(f"videos/{name}.mp4,out/{name}.csv,tracked,0,turned\n" for name in "ax")
+    (out / "x.csv").touch()
+    (out / "summary.csv").write_text(f"video,table,state,face_id,note\n{rows}")
+    assert track_all([videos], out)[0].note == "turned"
+    known = {"video": str(videos / "x.mp4"), "table": "x.csv", "note": "turned", "duration": ""}
+    assert known.items() <= _summary(out)[-1].items()
+
+
+def test_a_summary_that_a_spreadsheet_has_saved_is_read(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code["a.mp4"] = WARNED
+    summary = tmp_path / "out" / "summary.csv"
+    track_all([videos], summary.parent)
+    summary.write_text(summary.read_text().replace(",", ";"), encoding="utf-8-sig")
+    assert track_all([videos], summary.parent)[0].note == "the face is turned"
+
+
+@pytest.mark.parametrize("content", [b"name,age\nMia,7\n", b"frame,timestamp\n", b"\xff\x00"])
+def test_the_summary_of_others_is_not_replaced(
+    content: bytes, videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    summary = tmp_path / "out" / "summary.csv"
+    summary.parent.mkdir()
+    summary.write_bytes(content)
+    with pytest.raises(MienError, match=r"out.summary\.csv exists and is not a summary by mien batch; choose another"):
+        track_all([videos], summary.parent)
+    assert summary.read_bytes() == content
+    summary.write_bytes(b"")  # as of `mktemp`
+    assert _states(track_all([videos], summary.parent)) == ["tracked"] * 3
 
 
 def test_what_was_noted_outlives_a_run_that_is_killed(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

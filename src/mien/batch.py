@@ -17,20 +17,7 @@ from mien._version import __version__
 from mien.errors import MienError, require, warn
 from mien.files import checksum, exists, real_path, reason_of, require_writable, size_of
 from mien.output.destination import OVERLAY_ENDINGS, Destination
-from mien.output.summary import (
-    FAILED,
-    KEPT,
-    PENDING,
-    SUMMARY,
-    TRACKED,
-    Row,
-    as_written,
-    face_rows,
-    notes_of,
-    read_summary,
-    require_own_tables,
-    write_summary,
-)
+from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
 from mien.output.track import Track
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
@@ -120,19 +107,19 @@ def track_all(
     options = options or BatchOptions()
     create_tracker(options.preset)  # report wrong options once, now, and not for every video
     check_options(options)
-    earlier_rows = read_summary(out / SUMMARY)
-    notes = notes_of(earlier_rows)
+    summary = Summary.read(out / SUMMARY)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
-    require_writable(out / SUMMARY)
+    require_writable(summary.path)
     waiting = []
     for k, (row,) in enumerate(found):
-        kept = None if options.again else _kept_rows(replace(row, note=notes.get(as_written(row.video), "")), options)
+        kept = None if options.again else _kept_rows(replace(row, note=summary.note_of(row)), options)
         if kept is None:
             waiting.append(k)
         else:
             found[k] = kept
-    require_own_tables({found[k][0].table: found[k][0].video for k in waiting}, earlier_rows, out / SUMMARY)
-    write_summary(found, out / SUMMARY)
+    for k in waiting:
+        summary.require_own(found[k][0])
+    summary.write(found)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
     earlier = _times(file for k in waiting for file in _all_files(found[k][0].table))
@@ -142,14 +129,14 @@ def track_all(
             k = waiting[ended.index]
             found[k] = _outcome(found[k][0], ended, earlier)
             with suppress(MienError):  # a later write includes it too, and the last one must succeed
-                write_summary(found, out / SUMMARY)
+                summary.write(found)
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
         done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
         warn(f"stopped; {done} of {len(found)} videos are done; run the same command again to continue")
         raise
     finally:
-        write_summary(found, out / SUMMARY)
+        summary.write(found)
     return [faces[0] for faces in found]
 
 

@@ -1,16 +1,20 @@
-"""The summary of many videos: a CSV with one row per face."""
+"""The summary of many videos: a CSV with one row per face, in which later runs find what earlier ones have noted."""
 
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mien.csv_files import opened_csv
 from mien.errors import require
 from mien.files import exists, real_path, whole_file
 from mien.output.destination import Destination
@@ -23,15 +27,16 @@ TRACKED, KEPT, FAILED, PENDING = "tracked", "kept", "failed", "not yet"
 _WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
 """The note of a video whose process outlived the run that started it."""
 _CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
-"""How the summary is opened: in names of files that are not valid UTF-8, bytes are replaced by their escapes."""
+"""How the summary is written: in names of files that are not valid UTF-8, bytes are replaced by their escapes."""
 
 
 @dataclass(frozen=True)
 class Row:
     """One face of a video in the summary.
 
-    faces: number of faces in the video; lost, unsure: number of frames without the face, and of those with it at a
-    confidence below one half; begun: time in seconds of the first frame; note: the error, and the warnings.
+    faces: number of faces in the video; duration: seconds from the first frame of the table to the last; lost, unsure:
+    number of frames without the face, and of those with it at a confidence below one half; confidence: its mean where
+    the face is not lost; begun: time in seconds of the first frame; note: the error, and the warnings.
     """
 
     video: Path
@@ -40,8 +45,10 @@ class Row:
     face_id: int = 0
     faces: int | None = None
     frames: int | None = None
+    duration: float | None = None
     lost: int | None = None
     unsure: int | None = None
+    confidence: float | None = None
     begun: float | None = None
     note: str = ""
 
@@ -58,57 +65,108 @@ def face_rows(row: Row, track: Track) -> list[Row]:
 
 
 def _with_counts(row: Row, track: Track) -> Row:
-    """The row with the counts from a track of its video."""
-    begun = track.time[track.status.index(Status.INITIALIZED)] if Status.INITIALIZED in track.status else None
-    sure = np.nan_to_num(track.confidence) >= 0.5
-    unsure = sum(status != Status.LOST and not of for status, of in zip(track.status, sure, strict=True))
+    """The row with the counts and means of a track of its video."""
     faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
-    return replace(row, faces=faces, frames=len(track), lost=track.lost, unsure=unsure, begun=begun)
+    confidence = np.nan_to_num(track.confidence)[[status != Status.LOST for status in track.status]]
+    return replace(
+        row,
+        faces=faces,
+        frames=len(track),
+        duration=round(float(np.ptp(track.time)), 6) if len(track) else None,
+        lost=track.lost,
+        unsure=int(np.sum(confidence < 0.5)),
+        confidence=round(float(confidence.mean()), 4) if confidence.size else None,
+        begun=track.time[track.status.index(Status.INITIALIZED)] if Status.INITIALIZED in track.status else None,
+    )
 
 
-def require_own_tables(found: Mapping[Path, Path], rows: Iterable[Mapping[str, str]], summary: Path) -> None:
-    """Raise MienError if a table is, by the rows of an earlier run's summary, another video's that is still there.
-    found: videos by their tables."""
-    for row in rows:
-        table, video = Path(row.get("table") or ""), Path(row.get("video") or "")
-        own = found.get(table)
+@dataclass(frozen=True)
+class Summary:
+    """The summary of the tables in the folder of `path`, with what earlier runs have noted in it.
+
+    earlier: the rows of earlier runs, by the table of the first face of their video, as it is written in them.
+    """
+
+    path: Path
+    earlier: Mapping[str, Sequence[Mapping[str, str]]]
+
+    @classmethod
+    def read(cls, path: Path) -> Summary:
+        """The summary that earlier runs have left, or an empty one. Raises MienError if the file is another's."""
+        earlier: dict[str, list[Mapping[str, str]]] = {}
+        for row in _rows(path):
+            earlier.setdefault(_table_of_first(row), []).append(row)
+        return cls(path, earlier)
+
+    def note_of(self, row: Row) -> str:
+        """What was noted of a video; if it had not finished then, that its warnings are unknown."""
+        known = self._known(row)
+        return _WARNINGS_UNKNOWN if known.get("state") == PENDING else known.get("note") or ""
+
+    def require_own(self, row: Row) -> None:
+        """Raise MienError if the table of a row was made, in an earlier run, of another video that is still there."""
+        video = Path(self._known(row).get("video") or row.video)
         require(
-            own is None or not exists(table) or not video.exists() or real_path(own) == real_path(video),
-            f"{table} is the table of {video}, by {summary}, and {own} would replace it; choose another folder with -o",
+            not exists(row.table) or not exists(video) or real_path(row.video) == real_path(video),
+            f"{row.table} is the table of {video}, by {self.path}, and {row.video} would replace it; choose another "
+            "folder with -o",
         )
 
+    def write(self, found: Iterable[Sequence[Row]]) -> None:
+        """Write the rows of this run, and below them those of other videos."""
+        rows = [[self._values(row) for row in faces] for faces in found]
+        tables = {faces[0]["table"] for faces in rows}
+        others = (faces for table, faces in self._left.items() if table not in tables)
+        with whole_file(self.path) as file, file.open("w", **_CSV) as stream:
+            writer = csv.DictWriter(stream, [field.name for field in fields(Row)], extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(chain.from_iterable([*rows, *others]))
 
-def notes_of(rows: Iterable[Mapping[str, str]]) -> dict[str, str]:
-    """The notes in the rows of an earlier run's summary, by video. The note of a video that had not finished then says
-    that its warnings are unknown."""
-    return {
-        row.get("video") or "": _WARNINGS_UNKNOWN if row.get("state") == PENDING else row.get("note") or ""
-        for row in rows
-    }
+    @cached_property
+    def _left(self) -> dict[str, Sequence[Mapping[str, str]]]:
+        """The rows of earlier runs of which the table or the video is still there."""
+        places = ((table, faces, Path(faces[0].get("video") or "-")) for table, faces in self.earlier.items())
+        return {t: faces for t, faces, video in places if exists(self.path.parent / t) or exists(video)}
+
+    def _known(self, row: Row) -> Mapping[str, str]:
+        """The row of an earlier run for the same table; empty without one."""
+        faces = self.earlier.get(self._values(row)["table"], ())
+        return next((face for face in faces if face.get("face_id") == "0"), {})
+
+    def _values(self, row: Row) -> dict[str, Any]:
+        """A row as it is written: the video as an absolute path, the table as one from the folder of the summary."""
+        table = row.table.relative_to(self.path.parent).as_posix()
+        return vars(row) | {"video": _as_written(os.path.abspath(row.video)), "table": _as_written(table)}
 
 
-def read_summary(summary: Path) -> list[dict[str, str]]:
-    """The rows of an earlier summary, one for each video; none without a summary."""
-    if not summary.is_file():
+def _rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a summary, none if there is no file. Raises MienError if the file is something else."""
+    if not path.is_file() or not path.stat().st_size:
         return []
-    try:
-        with summary.open(**_CSV) as stream:
-            return [row for row in csv.DictReader(stream) if row.get("face_id") == "0"]
-    except (ValueError, csv.Error):
-        return []
+    rows, names = list[dict[str, str]](), set[str]()
+    with suppress(ValueError, csv.Error), opened_csv(path) as stream:
+        reader = csv.DictReader(stream)
+        names = set(reader.fieldnames or ())
+        rows = [{name: value or "" for name, value in row.items() if name in names} for row in reader]
+    require(
+        names >= {"video", "table", "state", "face_id"},
+        f"{path} exists and is not a summary by mien batch; choose another folder with -o, or move it away",
+    )
+    return rows if "duration" in names else [_as_now(row, path.parent) for row in rows]
 
 
-def as_written(video: Path) -> str:
-    """The path of a video as the summary has it."""
-    return str(video).encode(_CSV["encoding"], _CSV["errors"]).decode(_CSV["encoding"])
+def _as_now(row: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """A row with paths as they are written now, of a summary from before it had durations. Those were as given."""
+    table = Path(os.path.relpath(row["table"], folder)).as_posix()
+    return {**row, "video": os.path.abspath(row["video"]), "table": table}
 
 
-def write_summary(found: Sequence[Sequence[Row]], path: Path) -> None:
-    """Write the summary: one row per face, or per video without one."""
-    names = [field.name for field in fields(Row)]
-    with whole_file(path) as file, file.open("w", **_CSV) as stream:
-        writer = csv.writer(stream)
-        writer.writerow(names)
-        for row in chain.from_iterable(found):
-            values = (getattr(row, name) for name in names)
-            writer.writerow(["" if value is None else value for value in values])
+def _table_of_first(row: Mapping[str, str]) -> str:
+    """The table of the first face of the video of a row, as it is written there; see `Destination.of_face`."""
+    stem, face_id = row["table"].removesuffix(".csv"), row["face_id"]
+    return f"{stem.removesuffix(f'.face{face_id}')}.csv"
+
+
+def _as_written(path: str) -> str:
+    """A path as the summary has it."""
+    return path.encode(_CSV["encoding"], _CSV["errors"]).decode(_CSV["encoding"])
