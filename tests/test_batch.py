@@ -113,6 +113,26 @@ def test_tables_stand_as_the_videos_do(videos: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_folders_of_images_that_are_not_named_are_warned_of(
+    videos: Path, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    """But not of plots and of pictures beside videos."""
+    for name in ("seq1/1", "seq1/2", "sub/1", "sub/2", "alone/1", "plots/a", "plots/b", "out/1", "out/2"):
+        (videos / name).parent.mkdir(exist_ok=True)
+        (videos / f"{name}.png").write_bytes(b"")
+    for name in ("plots/a", "plots/b"):
+        (videos / f"{name}.csv").write_bytes(b"")
+    out = videos / "out"
+    assert len(find_videos([videos], out)) == 3
+    shutil.copytree(videos / "seq1", videos / "seq2" / "images")
+    assert len(find_videos([videos], out)) == 3
+    assert len(find_videos([videos, videos / "seq1", videos / "seq2" / "images"], out)) == 5
+    assert [str(warning.message) for warning in recwarn] == [
+        f"{videos}/seq1 holds images; name the folder to track it",
+        f"{videos}/seq1 holds images, as 1 more below {videos} do; name the folder to track it",
+    ]
+
+
 def test_videos_that_differ_by_their_ending_have_tables_of_their_own(videos: Path, tmp_path: Path) -> None:
     (videos / "a.mkv").write_bytes(b"")
     found = find_videos([videos], tmp_path / "out")

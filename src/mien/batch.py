@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -23,7 +23,7 @@ from mien.processes import Call, Ended, Progress, available_processors, run_comm
 from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
 from mien.start.footage import check_options, read_camera, requested_options
 from mien.tracking.abilities import settings_of
-from mien.video import VIDEO_SUFFIXES, list_images
+from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
 
 _FACE = re.compile(r"\.face[0-9]+$")
 """The suffix that `Destination.of_face` appends to the stem of a table."""
@@ -147,7 +147,8 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     would otherwise be named like that of another video's further face, or like the summary.
     """
     each: dict[Path, tuple[Path, Path]] = {}
-    for video, place in chain.from_iterable(_videos_of(path, out) for path in paths):
+    named = {real_path(path) for path in paths}
+    for video, place in chain.from_iterable(_videos_of(path, out, named) for path in paths):
         each.setdefault(real_path(video), (video, place))
     found = list(each.values())
     require(bool(found), f"{', '.join(map(str, paths))}: no video found; mien looks for {', '.join(VIDEO_SUFFIXES)}")
@@ -166,8 +167,9 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     return [(video, table) for table, video in tables.items()]
 
 
-def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
-    """The videos of a path, each with its path relative to that folder; a folder of images only is itself a video."""
+def _videos_of(path: Path, out: Path, named: Container[Path]) -> Iterator[tuple[Path, Path]]:
+    """The videos of a path, each with its path relative to that folder; a folder of images only is itself a video.
+    Warns of those below it that are not among the named ones."""
     known = path.is_dir() or path.is_file()
     require(known, f"{path}: no such file or folder; check the name (the data of a pipe must be saved as a file)")
     if path.is_file():
@@ -178,13 +180,28 @@ def _videos_of(path: Path, out: Path) -> Iterator[tuple[Path, Path]]:
         not real_path(path).is_relative_to(real_path(out)),
         f"{out} holds the videos; choose another folder for the tables with -o",
     )
-    below = (file for file in _files_below(path) if file.suffix.lower() in VIDEO_SUFFIXES)
-    shown = (file for file in below if not file.name.startswith("."))
-    apart = (file for file in shown if not real_path(file).is_relative_to(real_path(out)))
+    files = [file for file in _files_below(path) if not file.name.startswith(".")]
+    below = (file for file in files if file.suffix.lower() in VIDEO_SUFFIXES)
+    apart = (file for file in below if not real_path(file).is_relative_to(real_path(out)))
     videos = [file for file in apart if not _is_overlay(file)]
     yield from ((file, file.relative_to(path)) for file in videos)
     if not videos and list_images(path):
         yield path, Path(f"{path.resolve().name}.images")
+    unnamed = [folder for folder in _folders_of_images(files, [path, *videos]) if real_path(folder) not in named]
+    unnamed = [folder for folder in unnamed if not real_path(folder).is_relative_to(real_path(out))]
+    if unnamed:
+        others = f", as {len(unnamed) - 1} more below {path} do" if len(unnamed) > 1 else ""
+        warn(f"{unnamed[0]} holds images{others}; name the folder to track it")
+
+
+def _folders_of_images(files: Sequence[Path], videos: Iterable[Path]) -> list[Path]:
+    """The folders of several images among the files, plots of tables apart, that neither are nor hold one of the
+    videos."""
+    every = set(files)
+    images = (file for file in files if file.suffix.lower() in IMAGE_SUFFIXES and file.with_suffix(".csv") not in every)
+    known = {folder for video in videos for folder in (video, *video.parents)}
+    counts = Counter(file.parent for file in images)
+    return [folder for folder, count in counts.items() if count > 1 and folder not in known]
 
 
 def _files_below(folder: Path) -> list[Path]:
