@@ -192,6 +192,47 @@ def test_landmarks_that_were_corrected_are_not_overwritten(
     assert mien("landmarks", video, "--landmarks", written).status == 0
 
 
+def test_landmarks_that_are_there_are_left_as_they_are(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
+    own = tmp_path / "in.landmarks.json"
+    own.write_text(json.dumps({**json.loads(marks.read_text()), "annotator": "Mia"}))
+    before = own.read_bytes()
+    for given in (own, marks):
+        result = mien("landmarks", video, "--landmarks", given)
+        assert [line for line in result.out.splitlines() if line.startswith("wrote")] == ["wrote in.landmarks.png"]
+        assert own.read_bytes() == before
+
+
+def test_landmarks_do_not_replace_the_settings_of_a_track(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
+) -> None:
+    mien("track", video, "-o", "out.csv", "--landmarks", marks, "--end", "0.01")
+    before = (tmp_path / "out.json").read_bytes()
+    refused(["landmarks", video, "--landmarks", marks, "-o", "out.json"], "out.json holds the settings", "-o")
+    assert mien("landmarks", video, "--landmarks", "out.json", "-o", "out.json").status == 0
+    assert (tmp_path / "out.json").read_bytes() == before
+
+
+def test_landmarks_replace_no_picture_that_is_not_named(
+    mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
+) -> None:
+    picture = tmp_path / "me.png"
+    picture.write_bytes(b"somebody's")
+    asked = ["landmarks", video, "--landmarks", marks, "-o", "me.json"]
+    refused(asked, "me.png exists and is not the picture of me.json", "--plot")
+    assert picture.read_bytes() == b"somebody's"
+    for options in (["--plot", picture], []):  # then it is that of these landmarks
+        assert mien(*asked, *options).status == 0
+
+
+def test_the_image_in_which_points_were_marked_is_not_replaced(
+    refused: Callable[..., None], video: Path, tmp_path: Path
+) -> None:
+    points = np.random.default_rng(0).uniform(90, 150, (68, 2))
+    write_landmarks(tmp_path / "me.pts", Landmarks(points, "ibug68"))
+    (tmp_path / "me.png").touch()
+    refused(["landmarks", video, "--landmarks", "me.pts", "-o", "me.pts"], "me.png exists", "--plot")
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [("in.csv", "frame,pose_Rx\n0,0.1\n"), ("in.json", '{"focal_px": 500}'), ("in.parquet", "somebody's")],

@@ -276,8 +276,7 @@ def landmarks(
     from mien.pipeline.landmarks import write_first_frame
 
     found = _output_path(output, _stem(video) + ".landmarks.json")
-    plot = plot or found.with_suffix(".png")
-    fit = write_first_frame(
+    fit, written = write_first_frame(
         video,
         found,
         plot,
@@ -292,7 +291,7 @@ def landmarks(
     )
     if not quiet:
         typer.echo(f"the fitted mesh is {fit.residual_px:.2f} pixels (root mean square) from the landmarks")
-        _print_written([found, plot])
+        _print_written(written)
 
 
 @app.command()

@@ -114,7 +114,7 @@ def _require_own(table: Path) -> None:
     own_table = csv is not None and is_table_of_track(csv)
     foreign = [
         None if own_table else csv,
-        None if settings is None or own_table or _is_of_track(settings) else settings,
+        None if settings is None or own_table or is_json_of_track(settings) else settings,
         None if parquet is None or is_table_of_track(parquet) else parquet,
     ]
     for path in foreign:
@@ -141,7 +141,7 @@ def _require_own_gltf(path: Path) -> None:
     require(is_gltf_of_mien(path), f"{path} exists and is not as mien wrote it; choose another name, or move it away")
 
 
-def _is_of_track(path: Path) -> bool:
+def is_json_of_track(path: Path) -> bool:
     """Whether a file is the NAME.json of a track."""
     with suppress(OSError, ValueError):
         content = json.loads(path.read_text(encoding="utf-8-sig"))

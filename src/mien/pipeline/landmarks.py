@@ -12,7 +12,7 @@ from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks, Point
-from mien.output.destination import require_free
+from mien.output.destination import is_json_of_track, require_free
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
 from mien.threads import one_blas_thread
@@ -23,7 +23,7 @@ from mien.video import open_video
 def write_first_frame(
     video: str | Path | int,
     output: str | Path,
-    plot: str | Path,
+    plot: str | Path | None = None,
     *,
     landmarks: Landmarks | str | Path | None = None,
     camera: Camera | str | Path | None = None,
@@ -33,37 +33,56 @@ def write_first_frame(
     fps: float | None = None,
     at_once: bool = False,
     face: Point | None = None,
-) -> FirstFrame:
-    """Write the landmarks of the first frame, and a picture of the mesh fitted to them; return the fit.
+) -> tuple[FirstFrame, list[Path]]:
+    """Write the landmarks of the first frame, and a picture of the mesh fitted to them; return the fit, and the files
+    that were written: landmarks that stand in `output` already are left as they are.
 
-    output: a `.json`, or a `.pts` of given landmarks; plot: a `.png`. The other arguments are those of `mien.track`.
-    Raises MienError for bad input, and if no face is found.
+    output: a `.json`, or a `.pts` of given landmarks; plot: a `.png`, by default beside the landmarks. The other
+    arguments are those of `mien.track`. Raises MienError for bad input, and if no face is found.
     """
     from mien.output.overlay import draw_mesh, save_png
 
-    require_ending(Path(plot), (".png",))
-    require_ending(Path(output), (".json",) if landmarks is None else (".json", ".pts"))
-    require_free((Path(output), Path(plot)), (video, camera))  # the landmarks themselves may be written again
+    output, picture = Path(output), Path(output).with_suffix(".png") if plot is None else Path(plot)
+    require_ending(picture, (".png",))
+    require_ending(output, (".json",) if landmarks is None else (".json", ".pts"))
+    require_free((output, picture), (video, camera))  # the landmarks themselves may be the output
+    is_given = isinstance(landmarks, (str, Path)) and real_path(Path(landmarks)) == real_path(output)
+    _require_own(output, picture, is_given, is_named=plot is not None)
     begin = prepare(Footage(open_video(video, fps), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
     vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
-    _require_no_corrections(Path(output), begin.landmarks, landmarks)
-    write_landmarks(output, begin.landmarks)
+    is_new = not output.exists()
+    if is_new:
+        write_landmarks(output, begin.landmarks)
+    elif not is_given:
+        _require_same(output, begin.landmarks)
     graphics = begin.landmarks.graphics
-    save_png(Path(plot), draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points, graphics))
-    return fit
+    save_png(picture, draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points, graphics))
+    return fit, [output, picture] if is_new else [picture]
 
 
-def _require_no_corrections(output: Path, found: Landmarks, given: object) -> None:
-    """Raise MienError if a file has other landmarks than were found, perhaps corrected by hand, and was not given."""
-    same = isinstance(given, (str, Path)) and real_path(Path(given)) == real_path(output)
-    if same or not output.exists():
-        return
+def _require_own(output: Path, picture: Path, is_given: bool, is_named: bool) -> None:
+    """Raise MienError if the landmarks would replace the settings of a track, or their picture one that is another's.
+    is_given: whether the landmarks were read from `output`; is_named: whether the user has named the picture."""
+    require(
+        is_given or not is_json_of_track(output),
+        f"{output} holds the settings of a track; choose another name for the landmarks with -o",
+    )
+    known = output.exists() and output.suffix.lower() == ".json"  # beside a .pts lies the image in which it was marked
+    require(
+        is_named or known or not picture.exists(),
+        f"{picture} exists and is not the picture of {output}; name another with --plot, or move it away",
+    )
+
+
+def _require_same(output: Path, found: Landmarks) -> None:
+    """Raise MienError if a file has other landmarks than were found, perhaps corrected by hand."""
+    same = False
     with suppress(MienError):
         same = read_landmarks(output, found.frame_index, found.time).to_dict() == found.to_dict()
     require(
         same,
         f"{output} exists with other landmarks, which may have been corrected; pass it with --landmarks, choose "
-        "another name with -o, or delete it",
+        "another name with -o, or delete it and its picture",
     )
