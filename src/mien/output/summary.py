@@ -23,7 +23,8 @@ from mien.tracking.state import Status
 
 SUMMARY = "summary.csv"
 TRACKED, KEPT, FAILED, PENDING = "tracked", "kept", "failed", "not yet"
-"""State of a video: tracked in this run; kept from an earlier run; failed; not reached before the run was stopped."""
+"""State of a video: tracked in this run; kept from an earlier run; failed; not reached before the run was stopped. Rows
+of videos that a run is not asked for keep theirs."""
 _WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
 """The note of a video whose process outlived the run that started it."""
 _CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
@@ -125,8 +126,11 @@ class Summary:
     @cached_property
     def _left(self) -> dict[str, Sequence[Mapping[str, str]]]:
         """The rows of earlier runs of which the table or the video is still there."""
-        places = ((table, faces, Path(faces[0].get("video") or "-")) for table, faces in self.earlier.items())
-        return {t: faces for t, faces, video in places if exists(self.path.parent / t) or exists(video)}
+        return {
+            table: faces
+            for table, faces in self.earlier.items()
+            if exists(self.path.parent / table) or exists(Path(faces[0]["video"]))
+        }
 
     def _known(self, row: Row) -> Mapping[str, str]:
         """The row of an earlier run for the same table; empty without one."""
@@ -147,7 +151,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
     with suppress(ValueError, csv.Error), opened_csv(path) as stream:
         reader = csv.DictReader(stream)
         names = set(reader.fieldnames or ())
-        rows = [{name: value or "" for name, value in row.items() if name in names} for row in reader]
+        every = ({name: value or "" for name, value in row.items() if name in names} for row in reader)
+        rows = [row for row in every if row.get("table")]
     require(
         names >= {"video", "table", "state", "face_id"},
         f"{path} exists and is not a summary by mien batch; choose another folder with -o, or move it away",
