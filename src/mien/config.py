@@ -98,7 +98,7 @@ class RealtimeSettings(Settings):
     crop_shift: float = Field(
         0.07, gt=0, description="offset from the face, CANDIDE units, above which the crop is resampled"
     )
-    robust_factor: float = Field(0.7, gt=0, description="relative distance at which a landmark's weight is a quarter")
+    robust_factor: float = Field(0.75, gt=0, description="relative distance at which a landmark's weight is a quarter")
     jaw_tolerance: float = Field(
         1.75, gt=0, description="`robust_factor` multiplier for lower lip and chin, which the jaw changes"
     )
@@ -107,7 +107,11 @@ class RealtimeSettings(Settings):
     expectation_rate: float = Field(
         0.02, ge=0, lt=1, description="per-frame rate of the expected distance's moving average"
     )
-    least_distance: float = Field(12.0, gt=0, description="lower bound of the expected distance")
+    least_distance: float = Field(6.0, gt=0, description="lower bound of the expected distance")
+    quality_rate: float = Field(
+        0.05, ge=0, description="growth of the expected distance per frame, by how much worse a face looks than usual"
+    )
+    quality_turn_deg: float = Field(8.0, ge=0, description="turn below which it grows")
     retry_distance: float = Field(2.5, gt=0, description="relative distance above which a coarse search starts")
     retry_share: float = Field(0.8, ge=0, le=1, description="fraction of matching landmarks that needs no search")
     seen_distance: float = Field(

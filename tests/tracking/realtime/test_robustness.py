@@ -229,6 +229,28 @@ def test_strong_compression(quality: int) -> None:
     _assert_followed(_changed(compressed, range(1, COUNT)))
 
 
+def test_a_picture_that_becomes_worse_is_not_taken_for_another_face() -> None:
+    """While it was good, little was expected to differ; noise that then comes to stay must not cost the landmarks their
+    weight."""
+    still = np.zeros((200, 3))
+    frames = make_sequence(face(), moved(face(), still, still, np.zeros((200, 6))), noise_sd=NOISE_SD).frames
+    rng, misfits = np.random.default_rng(1), {}
+    noisy = [_rounded(frame.pixels + rng.normal(0, 35, frame.pixels.shape)) for frame in frames[120:]]
+    for rate in (0.0, RealtimeSettings().quality_rate):
+        tracker = RealtimeTracker(RealtimeSettings(quality_rate=rate))
+        tracker.initialize(frames[0], face().landmarks, face().camera)
+        for frame in frames[1:120]:
+            tracker.track(frame)
+        before = np.median(tracker.person.expected)
+        for frame, pixels in zip(frames[120:], noisy, strict=True):
+            tracker.track(Frame(pixels, frame.index, frame.time))
+        misfits[rate] = np.median(tracker._search(Frame(noisy[-1], 200))[1].d2 / tracker.person.expected)
+        assert before < 10
+    assert min(misfits) == 0
+    assert misfits[0.0] > 1.5
+    assert misfits[max(misfits)] < 1.2
+
+
 # The light changes.
 @pytest.mark.parametrize(("gain", "offset"), [(1.5, 0.0), (0.4, 0.0), (1.0, 25.0)])
 def test_a_lamp_switched_on_or_off(gain: float, offset: float) -> None:

@@ -154,6 +154,13 @@ class Person:
         self._learn_eyes(solution, agreement)
         return s.learn_shape and self._learn_shape(solution)
 
+    def follow_quality(self, solution: Solution) -> None:
+        """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture
+        has become worse, as by noise in the evening, or the face looks otherwise, as where somebody weeps."""
+        s, worse = self.settings, solution.misfit - 1
+        if 0 < worse < math.inf and self._turned_deg(solution) < s.quality_turn_deg:
+            self.expected = np.minimum((1 + s.quality_rate * worse) * self.expected, s.expected_distance)
+
     def learn_view(self, solution: Solution, agreement: Array) -> None:
         """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
         from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""

@@ -164,15 +164,21 @@ class RealtimeTracker:
         self.pose, self.lost_frames = solution.pose, 0
         familiar = self._familiarity(solution)
         agreements = self._remember(frame, view, solution)
-        if familiar > FAMILIAR and not self._misfits(solution):
-            if self.person.learn(solution, self.identity.patches.agreement):
-                self.axes.learn(self.person.shape)
-            if self.keyframes.is_new(self.pose.R):
-                self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
+        if familiar > FAMILIAR:
+            if not self._misfits(solution):
+                self._learn(frame, solution)
+            self.person.follow_quality(solution)
         self.identity.update(familiar, agreements, lambda: self._surroundings(frame))
         if status is Status.TRACKED and self.identity.is_steady:
             self.person.learn_view(solution, self.identity.patches.agreement)
         return self._estimate(frame, status, solution, familiar)
+
+    def _learn(self, frame: Frame, solution: Solution) -> None:
+        """Learn from a frame in which the face looks as it should."""
+        if self.person.learn(solution, self.identity.patches.agreement):
+            self.axes.learn(self.person.shape)
+        if self.keyframes.is_new(self.pose.R):
+            self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
 
     def _familiarity(self, solution: Solution) -> float:
         """`familiarity` of a solution that is the present pose."""
