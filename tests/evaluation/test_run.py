@@ -16,13 +16,13 @@ from mien.evaluation import worst
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.protocols import Protocol
-from mien.evaluation.results import SequenceResult, Timing
-from mien.evaluation.run import count_frames, run_sequence, time_sequence
+from mien.evaluation.results import SequenceResult, Timing, TrackTable
+from mien.evaluation.run import _warn_of_signs, count_frames, run_sequence, time_sequence
 from mien.evaluation.scores import Score
 from mien.evaluation.worst import frame_errors, worst_frames
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import FACING
+from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.state import Estimate, Status
 
@@ -174,6 +174,20 @@ def test_an_annotation_of_larger_images_is_refused(sequence: Sequence) -> None:
     large = replace(sequence, read_truth=lambda frames: replace(truth, landmarks=4 * truth.landmarks))
     with pytest.raises(MienError, match="images of another size"):
         run_sequence(Still(), large, FIRST)
+
+
+@pytest.mark.parametrize(("signs", "named"), [((1, 1, 1), []), ((1, -1, 1), ["yaw"]), ((-1, 1, -1), ["pitch", "roll"])])
+def test_truth_that_runs_against_the_tracker_is_told(
+    sequence: Sequence, signs: tuple[int, int, int], named: list[str], recwarn: pytest.WarningsRecorder
+) -> None:
+    true = np.radians(np.random.default_rng(0).normal(0, 8, (FRAMES, 3)))
+    turned = np.stack([matrix_from_euler(angles) for angles in true])
+    status = (Status.TRACKED.value,) * FRAMES
+    nothing = np.full((FRAMES, 1), np.nan)
+    track = TrackTable(np.arange(FRAMES), status, FACING @ turned, nothing, nothing, nothing, nothing)
+    told = np.stack([matrix_from_euler(angles) for angles in true * signs])
+    _warn_of_signs(track, replace(sequence.read_truth(FRAMES), rotations=FACING @ told), sequence)
+    assert [str(w.message).split(": ")[1].split()[0] for w in recwarn] == named
 
 
 def test_timing(sequence: Sequence, tmp_path: Path) -> None:

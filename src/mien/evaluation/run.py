@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 
 from mien.arrays import Array, Pixels
-from mien.errors import require
+from mien.errors import require, warn
 from mien.evaluation.datasets.sequence import Sequence, Truth
+from mien.evaluation.protocols import angles_deg
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
 from mien.frame import Frame
@@ -28,6 +29,9 @@ from mien.tracking.abilities import FittedTracker, settings_of
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 
+_AGAINST, _LEAST_TURN_DEG = -0.8, 3.0
+"""Correlation of an angle with the truth below which one of them has another sign, and the standard deviation from
+which on that can be told."""
 WARM_UP_FRAMES = 2
 MAXIMUM_TIMED_FRAMES = 1000
 
@@ -53,6 +57,7 @@ def run_sequence(
         estimates.append(estimate)
         meshes.append(_mesh(tracker, estimate, sequence.camera_for(frame.width, frame.height)))
     track = TrackTable.from_estimates(estimates)
+    _warn_of_signs(track, truth, sequence)
     worst = worst_frames(track, truth)
     return SequenceResult(
         name,
@@ -159,6 +164,19 @@ def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:
         f"{sequence.truth_files[0]} has points up to {high[0]:.0f}, {high[1]:.0f} and the images have "
         f"{frame.width}x{frame.height} pixels; the annotation was made on images of another size",
     )
+
+
+def _warn_of_signs(track: TrackTable, truth: Truth, sequence: Sequence) -> None:
+    """Warn of true angles that run against the tracker's, as those of another convention do."""
+    if truth.rotations is None:
+        return
+    both = np.isfinite(track.rotation).all(axis=(1, 2)) & np.isfinite(truth.rotations).all(axis=(1, 2))
+    if not both.any():
+        return
+    since = (R[both][0].T @ R[both] for R in (track.rotation, truth.rotations))
+    for name, found, true in zip(("pitch", "yaw", "roll"), *(angles_deg(R, "XYZ").T for R in since), strict=True):
+        if min(found.std(), true.std()) > _LEAST_TURN_DEG and np.corrcoef(found, true)[0, 1] < _AGAINST:
+            warn(f"{sequence.name}: {name} runs against that of the truth; check the sign of it in the truth")
 
 
 def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:
