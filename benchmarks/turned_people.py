@@ -42,11 +42,11 @@ TURNS_DEG = (0, 15, 30, 45, 60, 90)
 COLUMNS = ("turn", "tracker", "frames", "lost", "median", "90 %", "below 5", "mean confidence")
 
 
-def motion(steps: Iterable[int], rng: np.random.Generator) -> Array:
-    """(FRAMES, 3) tilt, pan and roll in degrees."""
+def motion(steps: Iterable[int], rng: np.random.Generator, turns: Iterable[tuple[int, int]] = ASIDE) -> Array:
+    """(FRAMES, 3) tilt, pan and roll in degrees, through turns of tilt and pan."""
     frame, side = np.arange(FRAMES), rng.choice([-1, 1])
     angles, at, now = np.zeros((FRAMES, 3)), BEFORE, np.zeros(3)
-    for (tilt, pan), step in zip(ASIDE, steps, strict=True):
+    for (tilt, pan), step in zip(turns, steps, strict=True):
         share = np.clip((frame - at) / step, 0, 1)[:, None]
         then = np.array([tilt, side * pan, 0.0])
         angles += (then - now) * share**2 * (3 - 2 * share)

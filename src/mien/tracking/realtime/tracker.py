@@ -386,11 +386,11 @@ class RealtimeTracker:
         d2, share = solution.seen(self.settings.seen_distance)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
-        relief_sd, learned = self.person.shape.relief_sd, self.person.learned_share(solution)
+        shape, learned = self.person.shape, self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
         covariance = state_covariance(
             solution.step_covariance, d2, share, self.pose.R, self.pose.view, moved, self.axes.first,
-            relief_sd, learned,
+            shape.relief_sd, math.hypot(*shape.lean.tolist()), learned,
         )  # fmt: skip
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(

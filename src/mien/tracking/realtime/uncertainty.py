@@ -2,11 +2,11 @@
 
 The inverse of the Gauss-Newton matrix at the optimum covers the noise of one frame, which grows where landmarks fit
 worse. It does not cover what is wrong in the same way in every frame. With a wrong relief every turn away from the
-first frame's view is too large or too small by a share of it, less so the more turns have taught the shape. With wrong
-head axes, which the first frame shows to a few degrees only, the error of a rotation grows with the turn, too. As no
-face moves exactly as the animation units do, their error grows with the expression. All are scaled to the errors
-measured on rendered sequences with exact truth; docs/benchmark.md has the coverage and the reliability that result, and
-the commands.
+first frame's view is too large or too small by a share of it, less so the more turns have taught the shape, and more so
+the more they had to. With wrong head axes, which the first frame shows to a few degrees only, the error of a rotation
+grows with the turn, too. As no face moves exactly as the animation units do, their error grows with the expression. All
+are scaled to the errors measured on rendered sequences with exact truth; docs/benchmark.md has the coverage and the
+reliability that result, and the commands.
 """
 
 from __future__ import annotations
@@ -24,13 +24,15 @@ from mien.compiled import kernel
 from mien.geometry.rotation import ray_rotation
 from mien.tracking.realtime.identity import logistic
 
-NOISE_SCALE = 0.165
+NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
-MISFIT_DISTANCE = 1.3
+MISFIT_DISTANCE = 1.4
 """Median squared distance of the landmarks that doubles those variances."""
-RELIEF_SCALE = 0.25
+RELIEF_SCALE, LEAN_SCALE = 0.25, 0.65
 """Standard deviation of the share by which the turn out of the first image plane is wrong, as a factor of the standard
-deviation of the relief."""
+deviation of the relief, and of how far, in radians, the learned depths lean away from those of the first frame: of a
+face whose depths turn out to be wrong, more is wrong than has been learned. Found by benchmarks/calibration.py, as the
+two above and the axes' below."""
 TURNED_SCALE = 0.18
 """The same for a face seen from the side in the first frame, which shows little of its relief: as a factor of the sine
 of that angle."""
@@ -42,9 +44,9 @@ factor of how far the cosine of the turn is below that of 50 degrees. Fitted to 
 GRAPHICS_SCALE = 0.35
 """The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
 are covered there. Fitted to rendered heads behind graphics."""
-AXES_SCALE = np.array([1.2, 0.85, 2.0])
-"""Factors of the standard deviations of the head's axes in tilt, pan and roll. Part of this error is not the axes':
-what is wrong with the features of a face that turns far grows likewise, and rolls it more than the axes do."""
+AXES_SCALE = np.array([1.1, 0.5, 0.8])
+"""Factors of the standard deviations of the head's axes in tilt, pan and roll, which errors in turns share with the
+lean."""
 TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
 """Factor of the standard deviations of the translation beyond that of the rotation; and, in CANDIDE units, the standard
 deviation of its constant error across the view, and of the error that a wrong relief adds, by the sine of the turn."""
@@ -55,7 +57,7 @@ far."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """Share of a single landmark, taken where none is seen."""
-_CONFIDENCE = (-7.5, -1.8)
+_CONFIDENCE = (-5.1, -1.3)
 """Bias and weight of the logarithm of the spread in a logistic regression: fitted to the rendered sequences as they
 are, with boards of all sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
@@ -106,15 +108,16 @@ def state_covariance(
     moved: Array,
     first: Reference,
     relief_sd: float,
-    learned: float = 0,
+    lean: float = 0.0,
+    learned: float = 0.0,
 ) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3), with units that have moved by
     `moved` (6,) since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first
-    frame's, a likewise, and t has the unit of length of the fitted face. view, relief_sd, learned: see
+    frame's, a likewise, and t has the unit of length of the fitted face. view, relief_sd, lean, learned: see
     `systematic_covariance`."""
     across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(view @ first.view) ** 2)
-    systematic = systematic_covariance(R, view, first, relief_sd, learned)
+    systematic = systematic_covariance(R, view, first, relief_sd, lean, learned)
     covariance: Array = _total_covariance(frame_variance(d2, seen), spread, across, systematic, moved)
     return covariance
 
@@ -147,17 +150,19 @@ def frame_variance(d2: Array, seen: float) -> float:
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
 
 
-def systematic_covariance(R: Array, view: Array, first: Reference, relief_sd: float, learned: float = 0.0) -> Array:
+def systematic_covariance(
+    R: Array, view: Array, first: Reference, relief_sd: float, lean: float = 0.0, learned: float = 0.0
+) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
     head's axes. view: (3,) from where the head is seen, `Pose.view`. A relief that is too deep along the first frame's
     view turns too little, by a share with standard deviation relief_sd, about the axis that is perpendicular to both
-    views: also where a head crosses the image without a rotation. So does a face of which the first frame shows one
-    side only or a part, one that has turned far, and one whose appearance was, by a share `learned`, learned where the
-    tracker believed it to be in the turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first
-    frame has first.R d."""
+    views: also where a head crosses the image without a rotation. So does a face whose learned depths lean, by an angle
+    in radians, away from those of the first frame, one of which that frame shows one side only or a part, one that has
+    turned far, and one whose appearance was, by a share `learned`, learned where the tracker believed it to be in the
+    turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
     far = FAR_SCALE * max(FAR_COSINE - float(view @ first.view), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
-    share = math.hypot(RELIEF_SCALE * relief_sd, shown, LEARNED_SCALE * learned, far)
+    share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far)
     covariance: Array = _of_relief_and_axes(R, view, first.R, first.view, first.scaled_axes_sd, share)
     return covariance
 
