@@ -69,10 +69,10 @@ of a factor; and every how manieth frame it looks at."""
 class Frames:
     """What the covariance of n rotations is made of, without the factors.
 
-    error: (n, 3) of the rotations since the first frame, rotation vectors in camera axes; spread: (n, 3, 3) inverse of the Gauss-Newton matrix over the share that is seen;
-    misfit (n,); turn: (n, 3), what an error of the whole turn would be; axes: (n, 3, 3), what one standard deviation of
-    the head's axes k is, [:, :, k]; relief_sd, lean (n,) and other (n,), the variance of the share of the turn that has
-    other factors.
+    error: (n, 3) of the rotations since the first frame, rotation vectors in camera axes; spread: (n, 3, 3) inverse of
+    the Gauss-Newton matrix over the share that is seen; misfit (n,); turn: (n, 3), what an error of the whole turn
+    would be; axes: (n, 3, 3), what one standard deviation of the head's axes k is, [:, :, k]; relief_sd, lean (n,) and
+    other (n,), the variance of the share of the turn that has other factors.
     """
 
     error: Array
