@@ -57,7 +57,7 @@ far."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_SEEN = 0.04
 """Share of a single landmark, taken where none is seen."""
-_CONFIDENCE = (-5.1, -1.3)
+_CONFIDENCE = (-6.2, -1.5)
 """Bias and weight of the logarithm of the spread in a logistic regression: fitted to the rendered sequences as they
 are, with boards of all sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
