@@ -109,7 +109,7 @@ class RealtimeSettings(Settings):
     )
     least_distance: float = Field(6.0, gt=0, description="lower bound of the expected distance")
     quality_rate: float = Field(
-        0.05, ge=0, description="growth of the expected distance per frame, by how much worse a face looks than usual"
+        0.02, ge=0, description="growth of the expected distance per frame, by how much worse a face looks than usual"
     )
     quality_turn_deg: float = Field(8.0, ge=0, description="turn below which it grows")
     retry_distance: float = Field(2.5, gt=0, description="relative distance above which a coarse search starts")
