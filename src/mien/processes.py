@@ -230,7 +230,7 @@ class _Process:
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **command.environment},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **command.environment},  # what was printed last is last
             start_new_session=True,
         )
 
