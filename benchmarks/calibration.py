@@ -23,17 +23,17 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from ablation import Run, prepare
+from ablation import Run, prepare, rotations_of, track
 from inputs import carry_out, truth_of
 from makehuman import MakeHuman
 from modelled_people import Character, Person, film, rendered_profile
-from turned_people import FRAMES, motion
+from turned_people import motion, turning
 from turned_start import begun_at
 
 from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
-from mien.geometry.rotation import log, matrix_from_euler
+from mien.geometry.rotation import log
 from mien.tracking.realtime import RealtimeTracker, tracker, uncertainty
 from mien.tracking.realtime.uncertainty import Reference
 
@@ -114,15 +114,13 @@ def film_missing(package: Path, path: Path, out: Path) -> None:
             rng = np.random.default_rng([SEEDS[1] + k, len(kind)])
             truth = truth_of(path, MOTIONS.get(kind, SPEAKING))
             if kind == "turns1":
-                angles = np.radians(motion(TURN_STEPS, rng, TURNS))
-                truth["R"] = np.stack([matrix_from_euler(turn) for turn in angles])
-                truth["t"] = np.tile(truth["t"][0], (FRAMES, 1))
+                truth |= turning(truth, motion(TURN_STEPS, rng, TURNS))
             film(out / f"{name}_{kind}", person, truth, kind.startswith("light"), rng)
 
 
-def track(run: Run) -> Frames:
+def noted(run: Run) -> Frames:
     """Track a run, and note what its covariances are made of."""
-    noted: list[tuple[Any, ...]] = []
+    made: list[tuple[Any, ...]] = []
 
     def state_covariance(
         spread: Array, d2: Array, seen: float, R: Array, view: Array, moved: Array, first: Reference, relief_sd: float,
@@ -134,23 +132,19 @@ def track(run: Run) -> Frames:
         turn, axes = R @ np.cross(view, first.view), (R - first.R) * first.axes_sd
         other = np.trace(uncertainty.systematic_covariance(R, view, no_axes, *without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty._LEAST_SEEN)
-        noted.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other))
+        made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other))
         return uncertainty.state_covariance(spread, d2, seen, R, view, moved, first, relief_sd, lean, learned)
 
     true = run.truth.rotations
     assert true is not None
-    camera = run.sequence.camera_for(run.frames[0].width, run.frames[0].height)
     with patch.object(tracker, "state_covariance", state_covariance):
-        one = RealtimeTracker()
-        first = one.initialize(run.frames[0], run.landmarks, camera)
-        estimates = [one.track(frame) for frame in run.frames[1:]]
-    assert first.rotation is not None
+        R = rotations_of(track(RealtimeTracker(), run))
     errors = [
-        first.rotation @ log(first.rotation.T @ estimate.rotation @ (true[0].T @ R).T)
-        for estimate, R in zip(estimates, true[1:], strict=True)
-        if estimate.rotation is not None
+        R[0] @ log(R[0].T @ found @ (true[0].T @ expected).T)
+        for found, expected in zip(R[1:], true[1:], strict=True)
+        if np.isfinite(found).all()
     ]
-    return Frames(np.array(errors), *(np.array(values) for values in zip(*noted[1:], strict=True)))
+    return Frames(np.array(errors), *(np.array(values) for values in zip(*made[1:], strict=True)))
 
 
 def search(kinds: dict[tuple[str, str], list[Frames]], rng: np.random.Generator) -> Array:
@@ -193,10 +187,10 @@ def noted_runs(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, str],
     for source, path in (("rendered", arguments.path), ("spectacles", arguments.spectacles), ("people", arguments.out)):
         for sequence in load_dataset("rendered", path):
             run = prepare(sequence)
-            yield (source, sequence.kind), track(run)
+            yield (source, sequence.kind), noted(run)
             for first in STARTS if source == "rendered" else ():
                 if (begun := begun_at(run, first)) is not None:
-                    yield ("begun turned", "all"), track(begun)
+                    yield ("begun turned", "all"), noted(begun)
 
 
 def main() -> None:

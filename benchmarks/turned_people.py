@@ -57,6 +57,13 @@ def motion(steps: Iterable[int], rng: np.random.Generator, turns: Iterable[tuple
     return angles
 
 
+def turning(truth: dict[str, Array], angles_deg: Array) -> dict[str, Array]:
+    """The rotations and translations of a truth whose head turns on the spot instead, by (FRAMES, 3) tilt, pan and
+    roll."""
+    R = np.stack([matrix_from_euler(turn) for turn in np.radians(angles_deg)])
+    return {"R": R, "t": np.tile(truth["t"][0], (len(R), 1))}
+
+
 def film_missing(package: Path, path: Path, out: Path) -> None:
     """Film the people who are not yet in a folder."""
     source, profile = MakeHuman(package), rendered_profile(path)
@@ -66,9 +73,7 @@ def film_missing(package: Path, path: Path, out: Path) -> None:
         if not Path(f"{output}_truth.npz").is_file():
             person = Person(source, who, profile, np.random.default_rng(shape), spectacles)
             rng, truth = np.random.default_rng([seed, len(kind)]), truth_of(path, expression)
-            truth["R"] = np.stack([matrix_from_euler(turn) for turn in np.radians(motion(steps, rng))])
-            truth["t"] = np.tile(truth["t"][0], (FRAMES, 1))
-            film(output, person, truth, False, rng)
+            film(output, person, truth | turning(truth, motion(steps, rng)), False, rng)
 
 
 def compared(tracker: Tracker, run: Run) -> Array:

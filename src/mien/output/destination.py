@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mien.errors import require, warn
-from mien.files import exists, real_path, require_ending, require_writable
+from mien.files import exists, real_path, require_ending, require_writable, size_of
 from mien.output.track import GLTF_ENDINGS, PLOT_ENDINGS, Track, is_table_of_track, track_paths
 from mien.video import refuse_among_images
 
@@ -51,7 +51,7 @@ class Destination:
             _require_own(self.table)
         if self.overlay is not None:
             _require_own_overlay(self.overlay)
-        if self.gltf is not None and self.gltf.exists() and self.gltf.stat().st_size:
+        if self.gltf is not None:
             _require_own_gltf(self.gltf)
 
     def of_face(self, face_id: int) -> Destination:
@@ -110,7 +110,7 @@ def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
 def _require_own(table: Path) -> None:
     """Raise MienError if NAME.csv, NAME.json or NAME.parquet exists and is not of a track, like the annotation of a
     video or the table of another tool: those of an earlier track are replaced."""
-    csv, settings, parquet = (path if path.exists() and path.stat().st_size else None for path in track_paths(table))
+    csv, settings, parquet = (path if size_of(path) else None for path in track_paths(table))
     own_table = csv is not None and is_table_of_track(csv)
     foreign = [
         None if own_table else csv,
@@ -129,7 +129,7 @@ def _require_own_overlay(path: Path) -> None:
     from mien.output.overlay import is_overlay
 
     require(
-        not path.exists() or path.stat().st_size == 0 or is_overlay(path),
+        not size_of(path) or is_overlay(path),
         f"{path} exists and is not an overlay by mien; choose another name with --overlay, or move it away",
     )
 
@@ -138,7 +138,10 @@ def _require_own_gltf(path: Path) -> None:
     """Raise MienError if a file is not of mien, or was exported again by a program in which it was edited."""
     from mien.output.gltf import is_gltf_of_mien
 
-    require(is_gltf_of_mien(path), f"{path} exists and is not as mien wrote it; choose another name, or move it away")
+    require(
+        not size_of(path) or is_gltf_of_mien(path),
+        f"{path} exists and is not as mien wrote it; choose another name, or move it away",
+    )
 
 
 def is_json_of_track(path: Path) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from mien.csv_files import opened_csv
 from mien.errors import require
-from mien.files import exists, real_path, whole_file
+from mien.files import exists, real_path, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.tracking.state import Status
@@ -145,7 +145,7 @@ class Summary:
 
 def _rows(path: Path) -> list[dict[str, str]]:
     """The rows of a summary, none if there is no file. Raises MienError if the file is something else."""
-    if not path.is_file() or not path.stat().st_size:
+    if not size_of(path):
         return []
     rows, names = list[dict[str, str]](), set[str]()
     with suppress(ValueError, csv.Error), opened_csv(path) as stream:

@@ -21,6 +21,7 @@ from mien.initialization.still import StillSearch
 from mien.start.footage import Footage
 from mien.tracking.scene import numbered_by_shot
 from mien.video import decode_frame
+from mien.video.selection import SAME_TIME
 
 _LOOK_SECONDS = 10.0
 """How long the best first frame is searched for once the face looks into the camera."""
@@ -36,8 +37,6 @@ _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
 """Rotation of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
-_SAME_TIME = 1e-6
-"""Times in seconds that differ by less are the same."""
 _GONE_SECONDS = 1.0
 """How long a live camera's face may not be detected before the wait for it begins anew."""
 _PATIENCE = 3.0
@@ -192,7 +191,7 @@ def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
     due, before = -math.inf, math.inf
     for cuts, frame in numbered_by_shot(footage.frames()):
         halfway = 0.5 * max(frame.time - before, 0.0)
-        if frame.time + halfway >= due - _SAME_TIME:
+        if frame.time + halfway >= due - SAME_TIME:
             due = frame.time + DETECTION_INTERVAL
             yield cuts, frame
         before = frame.time

@@ -14,7 +14,7 @@ from mien.video.source import Video
 
 BUFFER_BYTES = 1 << 29
 """Memory, in bytes, for the frames that are buffered to play a video backwards."""
-_SAME_TIME = 1e-6
+SAME_TIME = 1e-6
 """Times in seconds that differ by less are the same: tables round them to six digits."""
 
 
@@ -34,10 +34,10 @@ def select(video: Video, start: float | None = None, end: float | None = None) -
     last, found, ended = -math.inf, False, False
     for frame in video:
         last = frame.time
-        ended = end is not None and last > end - _SAME_TIME
+        ended = end is not None and last > end - SAME_TIME
         if ended:
             break
-        if start is None or last > start - _SAME_TIME:
+        if start is None or last > start - SAME_TIME:
             found = True
             yield frame
     after = "" if start is None else f" from {start:g} s" + (" on" if end is None else "")
@@ -57,7 +57,7 @@ def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
     for frame in video:
         if frame.index >= end:
             break
-        if frame.time > begin - _SAME_TIME:
+        if frame.time > begin - SAME_TIME:
             remaining.append((frame.index, frame.time))
             buffer.append(frame)
             if len(buffer) > 1 and len(buffer) * 3 * frame.height * frame.width > BUFFER_BYTES:
@@ -96,7 +96,7 @@ def expected_count(video: Video, start: float | None = None, end: float | None =
     """Approximate number of frames that `select` will yield; None if unknown."""
     if video.frame_count is None:
         return None
-    origin = video.begin + _SAME_TIME
+    origin = video.begin + SAME_TIME
     first = 0 if start is None else max(math.ceil((start - origin) * video.fps), 0)
     stop = video.frame_count if end is None else math.ceil((end - origin) * video.fps)
     return max(min(stop, video.frame_count) - first, 1)

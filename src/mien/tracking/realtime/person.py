@@ -120,11 +120,9 @@ class Person:
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed; None where that is not known, also if they were shut when they were learned.
         before: the last frame's."""
-        return (
-            None
-            if self.learned_shut
-            else closing_of(solution.at.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
-        )
+        if self.learned_shut:
+            return None
+        return closing_of(solution.at.residual, self.face.fine.eyes, solution.facing & self.eyes, before)
 
     def adapted_offset(self, level: Level, pose: Pose) -> Float32:
         """What adaptation adds to the means (n, 128) of a level at a pose."""

@@ -45,9 +45,9 @@ class StatePrior:
     def _rest_information(self, predicted: Prediction) -> Array:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""
         s = self.settings
-        turned = (1 - float(predicted.pose.view @ self.view) ** 2) / math.sin(math.radians(s.rest_turn_deg)) ** 2
-        moved = (predicted.last.animation - self.rest) / s.rest_within
-        information: Array = kernels.student_information(
-            self.rest_information, moved, self.firmness, 1 + max(turned, 0.0)
+        turned = (
+            max(1 - float(predicted.pose.view @ self.view) ** 2, 0.0) / math.sin(math.radians(s.rest_turn_deg)) ** 2
         )
+        moved = (predicted.last.animation - self.rest) / s.rest_within
+        information: Array = kernels.student_information(self.rest_information, moved, self.firmness, 1 + turned)
         return information
