@@ -14,6 +14,10 @@ from mien.arrays import Array, Float32, Pixels
 from mien.compiled import kernel
 from mien.frame import Frame
 
+_AHEAD = 1e-3
+"""Least scale of a homogeneous point: those behind the camera are put far away in the image."""
+_MARGIN = 2
+"""Pixels that are read beyond the outermost ones."""
 _BLANK = 1.0
 """Standard deviation of grey values below which an image shows nothing but camera noise."""
 
@@ -48,57 +52,76 @@ class Crop:
         return np.asarray(p @ self.linear.T + self.offset)
 
     def sample(self, frame: Frame, blur: float = 0.0) -> Float32:
-        """Grey crop (size, size) float32 of a frame; beyond its border the border repeats.
+        """Grey crop (size, size) float32 of a frame; see `resample`."""
+        to_image = np.eye(3)
+        to_image[:2, :2] = np.linalg.inv(self.linear)
+        to_image[:2, 2] = -to_image[:2, :2] @ self.offset
+        return resample(frame, to_image, self.size, self.scale, blur)
 
-        The cost depends on the size of the crop, not on that of the frame.
-        """
-        gray, offset, shrink = self._region(frame)
-        step = 1 / (self.scale * shrink)  # of the crop's pixels in those that are read
-        along, across = step * math.cos(self.angle), step * math.sin(self.angle)
-        x, y = ((c - o + 0.5) / shrink - 0.5 for c, o in zip(self.centre, offset, strict=True))
-        half = 0.5 * (self.size - 1)
-        start = x - half * (along - across), y - half * (along + across)
-        crop = np.empty((self.size, self.size), np.float32)
-        _resample(gray, start, (along, across), crop)
-        return blurred(crop, blur)
 
-    def _region(self, frame: Frame) -> tuple[Pixels, tuple[int, int], int]:
-        """The grey pixels that the crop needs, at least two each way, their origin in the frame, and the factor by
-        which they were shrunk against aliasing."""
-        size = frame.width, frame.height
-        reach = int(0.71 * self.size / self.scale) + 3
-        x0, y0 = (int(min(max(c - reach, 0), n - 1)) for c, n in zip(self.centre, size, strict=True))
-        x1, y1 = (int(min(max(c + reach, 1), n)) for c, n in zip(self.centre, size, strict=True))
-        region = frame.gray_part(slice(y0, max(y1, y0 + 1)), slice(x0, max(x1, x0 + 1)))
-        shrink = max(int(1 / self.scale), 1)
-        if shrink > 1 and min(region.shape) >= shrink:
-            h, w = region.shape[0] // shrink, region.shape[1] // shrink
-            part = region[: h * shrink, : w * shrink]
-            region = np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
-        else:
-            shrink = 1
-        if min(region.shape) < 2:
-            region = np.pad(region, [(0, n < 2) for n in region.shape], mode="edge")
-        return region, (x0, y0), shrink
+def resample(frame: Frame, to_image: Array, size: int, scale: float, blur: float = 0.0) -> Float32:
+    """Grey values (size, size) float32 of a frame; beyond its border the border repeats.
+
+    to_image: (3, 3) homography from the pixels of the result to those of the frame; scale: pixels of the result for one
+    of the frame; blur: standard deviation in pixels of the result. The cost does not depend on the size of the frame.
+    """
+    gray, (x0, y0), shrink = _region(frame, to_image, size, scale)
+    half = 0.5 * (1 - shrink)  # the middle of what becomes a pixel
+    within = np.array([[1, 0, half - x0], [0, 1, half - y0], [0, 0, shrink]]) @ to_image
+    out = np.empty((size, size), np.float32)
+    _resample(gray, within, out)
+    return blurred(out, blur)
+
+
+def _region(frame: Frame, to_image: Array, size: int, scale: float) -> tuple[Pixels, tuple[int, int], int]:
+    """The grey pixels that `resample` needs, at least two each way, their origin in the frame, and the factor by which
+    they were shrunk against aliasing."""
+    points = [_mapped(to_image, u, v) for u in (0, size - 1) for v in (0, size - 1)]
+    least, most = map(min, zip(*points, strict=True)), map(max, zip(*points, strict=True))
+    limits = frame.width, frame.height
+    x0, y0 = (int(min(max(a - _MARGIN, 0), n - 1)) for a, n in zip(least, limits, strict=True))
+    x1, y1 = (int(min(max(b + _MARGIN, 1), n)) for b, n in zip(most, limits, strict=True))
+    region = frame.gray_part(slice(y0, max(y1, y0 + 1)), slice(x0, max(x1, x0 + 1)))
+    shrink = max(int(1 / scale), 1)
+    if shrink > 1 and min(region.shape) >= shrink:
+        h, w = region.shape[0] // shrink, region.shape[1] // shrink
+        part = region[: h * shrink, : w * shrink]
+        region = np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+    else:
+        shrink = 1
+    if min(region.shape) < 2:
+        region = np.pad(region, [(0, n < 2) for n in region.shape], mode="edge")
+    return region, (x0, y0), shrink
+
+
+def _mapped(homography: Array, u: float, v: float) -> tuple[float, float]:
+    """A point by a homography (3, 3)."""
+    x, y, w = (a * u + b * v + c for a, b, c in homography.tolist())
+    w = max(w, _AHEAD)
+    return x / w, y / w
 
 
 @kernel()
-def _resample(gray: Any, start: Any, step: Any, crop: Any) -> None:
-    """Bilinear values of grey pixels (h, w), at least two each way, into crop (size, size); beyond the border the
-    border repeats. start: position (x, y) of the crop's first pixel; step: from there to the next one in its row. Takes
-    half the time of `cv2.warpAffine`, which rounds positions to a 32nd of a pixel."""
+def _resample(gray: Any, to_gray: Any, out: Any) -> None:
+    """Bilinear values of grey pixels (h, w), at least two each way, into out (size, size); beyond the border the border
+    repeats. to_gray: (3, 3) homography from there to the grey pixels. Takes half the time of `cv2.warpPerspective`,
+    which rounds positions to a 32nd of a pixel."""
     height, width = gray.shape
-    size = crop.shape[0]
+    size = out.shape[0]
     pixels = gray.ravel()
-    along, across = np.float32(step[0]), np.float32(step[1])
     right, bottom, zero = np.float32(width - 1), np.float32(height - 1), np.float32(0.0)
+    ahead = np.float32(_AHEAD)
+    dx, dy, dw = np.float32(to_gray[0, 0]), np.float32(to_gray[1, 0]), np.float32(to_gray[2, 0])
     at, fx, fy = np.empty(size, np.int32), np.empty(size, np.float32), np.empty(size, np.float32)
     corners = np.empty((4, size), np.uint8)
     for v in range(size):
         # In three loops, as only the second one takes a pixel at a time.
-        x0, y0 = np.float32(start[0] - v * step[1]), np.float32(start[1] + v * step[0])
+        x0 = np.float32(to_gray[0, 1] * v + to_gray[0, 2])
+        y0 = np.float32(to_gray[1, 1] * v + to_gray[1, 2])
+        w0 = np.float32(to_gray[2, 1] * v + to_gray[2, 2])
         for u in range(size):
-            x, y = x0 + along * np.float32(u), y0 + across * np.float32(u)
+            scale = np.float32(1.0) / max(w0 + dw * np.float32(u), ahead)
+            x, y = (x0 + dx * np.float32(u)) * scale, (y0 + dy * np.float32(u)) * scale
             x, y = min(max(x, zero), right), min(max(y, zero), bottom)
             ix, iy = min(np.int32(x), np.int32(width - 2)), min(np.int32(y), np.int32(height - 2))
             fx[u], fy[u] = x - np.float32(ix), y - np.float32(iy)
@@ -112,7 +135,7 @@ def _resample(gray: Any, start: Any, step: Any, crop: Any) -> None:
             a, b = np.float32(corners[0, u]), np.float32(corners[1, u])
             c, d = np.float32(corners[2, u]), np.float32(corners[3, u])
             upper, lower = a + fx[u] * (b - a), c + fx[u] * (d - c)
-            crop[v, u] = upper + fy[u] * (lower - upper)
+            out[v, u] = upper + fy[u] * (lower - upper)
 
 
 def is_blank(gray: Float32) -> bool:

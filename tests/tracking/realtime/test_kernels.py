@@ -20,8 +20,8 @@ from mien.tracking.realtime.pose_geometry import PoseArrays
 from mien.tracking.realtime.posterior import LowestPoint, PosePosterior
 from strategies import random_person, random_pose, stepped
 
-CAMERA = np.array([280.0, 159.5, 119.5])
-LINEAR, OFFSET = np.array([[0.9, 0.3], [-0.3, 0.9]]), np.array([-85.0, 15.0])
+PROJECTION = np.array([[252.0, 84.0, 94.4], [-84.0, 252.0, 74.7], [0.0, 0.0, 1.0]])
+"""From camera axes to the crop: a similarity of an image with a focal length of 280 pixels."""
 N, RANK, CELL = 8, 5, 4
 LIMIT = np.array([0.7, 1.4])
 SAMPLING = (CELL, 0.01, 0.06, 1.03)
@@ -121,7 +121,7 @@ class Problem:
         pose, person = random_pose(seed), random_person(seed)
         ray = exp(np.array([0.05, -0.03, 0]))
         coefficients = rng.normal(0, 0.01, (N, kernels.POLYNOMIAL_TERMS, 128)).astype(np.float32)
-        q, _ = pose_geometry.project(person, pose, (CAMERA, LINEAR, OFFSET, ray))
+        q, _ = pose_geometry.project(person, pose, (PROJECTION, ray))
         tilt, pan, _ = pose_geometry.view_angles(ray.T @ pose[0] @ FACING)
         terms = kernels.polynomial(tilt, pan, LIMIT)[0]
         coefficients[:, 0] += describe(maps, q, *SAMPLING) - np.einsum("p,npc->nc", terms, coefficients)
@@ -140,7 +140,7 @@ class Problem:
         active[3] = 0
         sd = np.array([0.09] * 3 + [0.2, 0.2, 0.3] + [0.2] * 6)
         prior = PriorArrays(pose, np.diag(1 / sd**2), np.zeros(6), np.full(6, 1 / 0.4**2))
-        view = (CAMERA, LINEAR, OFFSET, ray)
+        view = (PROJECTION, ray)
         return cls(PosePosterior(maps, SAMPLING, person, appearance, active, np.full(N, 25.0), prior, view))
 
     def but(self, **fields: Array) -> Problem:

@@ -114,7 +114,7 @@ def test_derivatives_against_differences() -> None:
     person = rng.uniform(-0.3, 0.3, (3, 3)), rng.normal(0, 0.1, (6, 3, 3))
     patches = rng.uniform(-0.1, 0.1, (3, 3, 9))
     R, t, a = rotation(0.1, -0.2, 0.05), np.array([0.02, 0.0, 5.0]), rng.uniform(-0.2, 0.2, 6)
-    view = np.array([320.0, 0, 0]), np.array([[0.9, 0.1], [-0.1, 0.9]]), np.array([55.0, 55.0]), np.eye(3)
+    view = np.array([[288.0, 32.0, 55.0], [-32.0, 288.0, 55.0], [0.2, -0.1, 1.0]]), np.eye(3)
 
     def values(step: Array) -> Array:
         pose = exp(step[:3]) @ R, t + step[3:6], a + step[6:]

@@ -55,7 +55,7 @@ def _single(dimensions: int) -> NDArray[Any]:
 
 _POSE = _array(2), _array(1), _array(1)
 _PERSON = _array(2), _array(3)
-_VIEW = _array(1), _array(2), _array(1), _array(2)
+_VIEW = _array(2), _array(2)
 _PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
 _APPEARANCE = AppearanceArrays(
     coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), inverse_floor=_single(1),
@@ -94,7 +94,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
     (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
-    (crop._resample, (_array(2, np.uint8), _POINT, _POINT, _single(2))),
+    (crop._resample, (_array(2, np.uint8), _array(2), _single(2))),
 )  # fmt: skip
 """What a frame needs. The other process compiles from the beginning, where the solver is, and what it shares with the
 learning of the face; this one, once it has learned the face, from the end, and they meet. It comes to `align` when the

@@ -269,7 +269,7 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
     maps, sampling, person, appearance, active, scale, prior, view = problem
     _, _, _, _, _, limit, variance = appearance
-    ray = view[3]
+    ray = view[1]
     q, J = project(person, pose, view)
     tilt, pan, by_ray = angles_along_ray(ray, pose[0])
     J_angles = np.empty((2, 3))  # by a rotation vector in camera axes

@@ -98,7 +98,7 @@ class _ViewRenderer:
 
     def __init__(self, face: _PosedFace, descriptor: DescriptorSettings) -> None:
         fit, d = face.fit, descriptor
-        self.face, self.descriptor, self.distance = face, d, float(fit.t[2])
+        self.face, self.descriptor, self.distance = face, d, float(np.linalg.norm(fit.t))
         frames = (face.frame, *face.eyes)
         self.texture, *self.moved_eyes = (_texture(face, frame, d.pixels_per_unit) for frame in frames)
         self.head = (face.surface.vertices - fit.t) @ fit.R

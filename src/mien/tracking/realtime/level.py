@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.crop import Crop
+from mien.appearance.face_camera import FaceCamera
 from mien.appearance.regression import PoseRegression
-from mien.appearance.views import crop_of_face
 from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.config import DescriptorSettings
@@ -53,9 +52,9 @@ class Level:
         fit: Float32 = _bilinear_lookup(by_view, self.views, angles)
         return fit
 
-    def crop(self, R: Array, t: Array, camera: Camera) -> Crop:
-        """The crop of a frame for a face at a pose, with the scale and the roll of the face."""
-        return crop_of_face(R, t, camera, self.descriptor.pixels_per_unit, self.size, upright=False)
+    def camera(self, real: Camera, ray: Array, roll: float, distance: float) -> FaceCamera:
+        """The camera that sees a face as the views show it. ray (3, 3), roll, distance: of a `solution.Pose`."""
+        return FaceCamera(real, ray, roll, self.descriptor.pixels_per_unit * distance, self.size)
 
 
 @kernel()

@@ -31,6 +31,7 @@ from mien.tracking.realtime.pose_geometry import (
     PoseArrays,
     ViewArrays,
     gradient_by_pose,
+    head_to_crop,
     landmark,
     project_to_crop,
     projection_of,
@@ -133,13 +134,13 @@ def _bilinear(image: Any, x: float, y: float) -> Any:
 
 
 @kernel(inline="always")  # so that it runs several points at a time
-def _place_patch(i: int, person: Any, patches: Any, R: Any, t: Any, a: Any, projection: Any, Y: Any, q: Any) -> None:
-    """The points of patch i: Y (3, m), rotated into camera axes but not translated, and q (2, m), in the crop."""
+def _place_patch(i: int, person: Any, patches: Any, a: Any, to_crop: Any, q: Any) -> None:
+    """The points of patch i in the crop: u, v and depth (3, m)."""
     x, y, z = landmark(i, person, a)
     for j in range(q.shape[1]):
-        here = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
-        Y[0, j], Y[1, j], Y[2, j] = here
-        q[0, j], q[1, j] = project_to_crop(here, t, projection)
+        q[0, j], q[1, j], q[2, j] = project_to_crop(
+            x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j], to_crop
+        )
 
 
 @kernel()
@@ -150,7 +151,7 @@ def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any)
     All points of a patch move alike with the units, so that the derivatives by these are sums of those by translation.
     """
     R, t, a = pose
-    units, projection = person[1], projection_of(view)
+    units, projection, to_crop = person[1], projection_of(view), head_to_crop(R, t, view)
     n, m = patches.shape[0], patches.shape[2]
     values, norms = np.empty((n, m), np.float32), np.empty(n)
     J, JJ, turned = (
@@ -158,13 +159,15 @@ def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any)
         np.empty((n, STATE_SIZE, STATE_SIZE)),
         np.empty((n, STATE_SIZE - _RIGID, 3)),
     )
-    Y, q = np.empty((3, m)), np.empty((2, m))
+    q, slope = np.empty((3, m)), np.empty((2, m))
     for i in range(n):
-        _place_patch(i, person, patches, R, t, a, projection, Y, q)
+        _place_patch(i, person, patches, a, to_crop, q)
         for j in range(m):
-            values[i, j], q[0, j], q[1, j] = _bilinear(image, q[0, j], q[1, j])
+            values[i, j], slope[0, j], slope[1, j] = _bilinear(image, q[0, j], q[1, j])
+        x, y, z = landmark(i, person, a)
         for j in range(m):
-            by_pose = gradient_by_pose(q[0, j], q[1, j], (Y[0, j], Y[1, j], Y[2, j]), t, projection)
+            Y = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
+            by_pose = gradient_by_pose(slope[0, j], slope[1, j], (q[0, j], q[1, j], q[2, j]), Y, projection)
             for k in range(_RIGID):
                 J[i, k, j] = by_pose[k]
         norms[i] = np.sqrt(_center(values[i]))
@@ -246,10 +249,9 @@ def align(
     that of `tolerated` (n,)."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
-    projection = projection_of(view)
     pose = prior[0]
     residual, off = np.empty((n, m), np.float32), np.zeros(n)
-    Y, q = np.empty((3, m)), np.empty((2, m))
+    q = np.empty((3, m))
     H, G, D, down = (
         np.empty((STATE_SIZE, STATE_SIZE)),
         np.empty(STATE_SIZE),
@@ -259,10 +261,11 @@ def align(
     usual = 1e9  # at first every patch counts
     for _ in range(iterations):
         R, t, a = pose
+        to_crop = head_to_crop(R, t, view)
         total, squared = 1e-9, 0.0
         for i in range(n):
             if active[i] > 0.0:
-                _place_patch(i, person, patches, R, t, a, projection, Y, q)
+                _place_patch(i, person, patches, a, to_crop, q)
                 for j in range(m):
                     residual[i, j] = _bilinear(image, q[0, j], q[1, j])[0]
                 off[i] = _compare(residual[i], values[i], norms[i])

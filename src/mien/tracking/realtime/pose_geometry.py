@@ -23,9 +23,9 @@ PoseArrays = tuple[Array, Array, Array]
 """A pose for the kernels: R (3, 3) and t (3,) from the model's axes to the camera's, animation (6,)."""
 PersonArrays = tuple[Array, Array]
 """A face: landmarks (n, 3) at rest, and their displacements (6, n, 3) by the animation units, in the model's axes."""
-ViewArrays = tuple[Array, Array, Array, Array]
-"""A crop: camera (3,), focal length and principal point in pixels of the image; linear part (2, 2) and offset (2,) of
-the similarity from image to crop; rotation (3, 3) from the optical axis to the face."""
+ViewArrays = tuple[Array, Array]
+"""A crop: projection (3, 3) from points in camera axes to its homogeneous pixels; rotation (3, 3) from the optical axis
+to the face."""
 
 
 @kernel()
@@ -59,12 +59,14 @@ def viewing_ray(point: Any, R: Any, t: Any) -> Any:
 
 
 @kernel()
-def viewing_angles(point: Any, R: Any, t: Any) -> Any:
-    """`viewing_ray` (3, 3) of a point, and tilt and pan (2,) in radians of the head along it."""
+def sight_of(point: Any, R: Any, t: Any) -> Any:
+    """How a head is seen: `viewing_ray` (3, 3) of a point; along it tilt and pan (2,) and roll of the head in radians,
+    and the distance of its origin."""
     ray = viewing_ray(point, R, t)
     angles = np.empty(2)
-    angles[0], angles[1], _ = angles_along_ray(ray, R)
-    return ray, angles
+    angles[0], angles[1], by_rotation = angles_along_ray(ray, R)
+    roll = np.arctan2(by_rotation[0, 1], by_rotation[0, 0])
+    return ray, angles, roll, ray[0, 2] * t[0] + ray[1, 2] * t[1] + ray[2, 2] * t[2]
 
 
 @kernel()
@@ -218,31 +220,43 @@ def facing_camera(X: Any, normals: Any, R: Any, camera: Any, width: int, height:
 
 
 @kernel()
+def head_to_crop(R: Any, t: Any, view: Any) -> Any:
+    """From points in head axes at a pose to homogeneous pixels of a crop: a matrix (3, 4) row by row, as numbers, which
+    are faster to pass than arrays."""
+    P, M = view[0], np.empty((3, 4))
+    for r in range(3):
+        for c in range(3):
+            M[r, c] = P[r, 0] * R[0, c] + P[r, 1] * R[1, c] + P[r, 2] * R[2, c]
+        M[r, 3] = P[r, 0] * t[0] + P[r, 1] * t[1] + P[r, 2] * t[2]
+    upper = M[0, 0], M[0, 1], M[0, 2], M[0, 3], M[1, 0], M[1, 1], M[1, 2], M[1, 3]
+    return *upper, M[2, 0], M[2, 1], M[2, 2], M[2, 3]
+
+
+@kernel()
+def project_to_crop(x: float, y: float, z: float, to_crop: Any) -> Any:
+    """(u, v) in the crop of a point in head axes, and the depth that they were divided by."""
+    a, b, c, d, e, f, g, h, i, j, k, m = to_crop
+    depth = max(i * x + j * y + k * z + m, 0.1)
+    return (a * x + b * y + c * z + d) / depth, (e * x + f * y + g * z + h) / depth, depth
+
+
+@kernel()
 def projection_of(view: Any) -> Any:
-    """The projection of a view from camera axes to the crop as numbers, which are faster to pass than arrays: focal
-    length, principal point, and the similarity from image to crop, its linear part row by row and its offset."""
-    camera, linear, offset, _ = view
-    similarity = linear[0, 0], linear[0, 1], linear[1, 0], linear[1, 1], offset[0], offset[1]
-    return camera[0], camera[1], camera[2], *similarity
+    """The projection (3, 3) of a view row by row, as numbers."""
+    P = view[0]
+    return P[0, 0], P[0, 1], P[0, 2], P[1, 0], P[1, 1], P[1, 2], P[2, 0], P[2, 1], P[2, 2]
 
 
 @kernel()
-def project_to_crop(Y: Any, t: Any, projection: Any) -> Any:
-    """(u, v) in the crop of a point R h = Y, three numbers."""
-    f, cx, cy, l00, l01, l10, l11, o0, o1 = projection
-    scale = f / max(Y[2] + t[2], 0.1)
-    u, v = scale * (Y[0] + t[0]) + cx, scale * (Y[1] + t[1]) + cy
-    return l00 * u + l01 * v + o0, l10 * u + l11 * v + o1
-
-
-@kernel()
-def gradient_by_pose(gu: float, gv: float, Y: Any, t: Any, projection: Any) -> Any:
+def gradient_by_pose(gu: float, gv: float, at: Any, Y: Any, projection: Any) -> Any:
     """Gradient, six numbers, by the rotation and translation of a pose step, of a quantity with gradient (gu, gv) by
-    crop pixel, at a point R h = Y. The last three are the gradient by the point itself."""
-    f, _, _, l00, l01, l10, l11, _, _ = projection
-    scale = f / max(Y[2] + t[2], 0.1)
-    x, y = (l00 * gu + l10 * gv) * scale, (l01 * gu + l11 * gv) * scale
-    z = -(x * (Y[0] + t[0]) + y * (Y[1] + t[1])) * scale / f
+    crop pixel, at a point R h = Y that `project_to_crop` puts `at` (u, v, depth). The last three are the gradient by
+    the point itself."""
+    a, b, c, d, e, f, g, h, i = projection
+    u, v, depth = at
+    gu, gv = gu / depth, gv / depth
+    gw = -(u * gu + v * gv)
+    x, y, z = a * gu + d * gv + g * gw, b * gu + e * gv + h * gw, c * gu + f * gv + i * gw
     return Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x, x, y, z
 
 
@@ -250,14 +264,14 @@ def gradient_by_pose(gu: float, gv: float, Y: Any, t: Any, projection: Any) -> A
 def project(person: Any, pose: Any, view: Any) -> Any:
     """Landmarks in the crop (n, 2) and their derivative (n, 2, 12) by [rotation vector, t, animation]."""
     (R, t, a), units = pose, person[1]
-    n, projection = units.shape[1], projection_of(view)
+    n, projection, to_crop = units.shape[1], projection_of(view), head_to_crop(R, t, view)
     q, J = np.empty((n, 2)), np.empty((n, 2, STATE_SIZE))
     for i in range(n):
         x, y, z = landmark(i, person, a)
-        Y = rotated(R, x, y, z)
-        q[i, 0], q[i, 1] = project_to_crop(Y, t, projection)
+        Y, at = rotated(R, x, y, z), project_to_crop(x, y, z, to_crop)
+        q[i, 0], q[i, 1] = at[0], at[1]
         for r in range(2):
-            by_pose = gradient_by_pose(1.0 - r, float(r), Y, t, projection)
+            by_pose = gradient_by_pose(1.0 - r, float(r), at, Y, projection)
             for k in range(6):
                 J[i, r, k] = by_pose[k]
             for k in range(units.shape[0]):

@@ -8,9 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mien.appearance.crop import Crop
 from mien.appearance.descriptors import orientation_maps
-from mien.appearance.views import CENTRE, roll_of
+from mien.appearance.views import CENTRE
 from mien.arrays import Array, Float32, Mask
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime import kernels, pose_geometry
@@ -41,9 +40,10 @@ class Pose:
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     @cached_property
-    def _seen(self) -> tuple[Array, Array]:
-        ray, angles = pose_geometry.viewing_angles(CENTRE, self.arrays[0], self.t)
-        return ray, angles
+    def _sight(self) -> tuple[Array, Array, float, float]:
+        """Rotation to the middle of the face, tilt and pan, roll, distance."""
+        sight: tuple[Array, Array, float, float] = pose_geometry.sight_of(CENTRE, self.arrays[0], self.t)
+        return sight
 
     @cached_property
     def line_of_sight(self) -> Array:
@@ -58,12 +58,22 @@ class Pose:
     @property
     def ray(self) -> Array:
         """(3, 3) rotation from the optical axis to the middle of the face."""
-        return self._seen[0]
+        return self._sight[0]
 
     @property
     def angles(self) -> Array:
         """(2,) tilt and pan in radians of the face as seen along that ray; see `pose_geometry.view_angles`."""
-        return self._seen[1]
+        return self._sight[1]
+
+    @property
+    def roll(self) -> float:
+        """Roll in radians of the face as seen along that ray."""
+        return self._sight[2]
+
+    @property
+    def distance(self) -> float:
+        """Distance along that ray of the origin of the head's axes, CANDIDE units."""
+        return self._sight[3]
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
@@ -89,14 +99,13 @@ class View:
     level: Level
     pose: Pose
     upright: Pose
-    crop: Crop
     image: Float32
     geometry: ViewArrays
     facing: Mask
 
     def upright_at(self, pose: Pose) -> View:
         """The same view, with descriptors sampled at the roll and scale of a pose."""
-        return View(self.level, self.pose, pose, self.crop, self.image, self.geometry, self.facing)
+        return View(self.level, self.pose, pose, self.image, self.geometry, self.facing)
 
     def of_landmarks(self, which: Mask) -> View:
         """The same view of only those landmarks `which` (n,) that face the camera; both share the orientation maps."""
@@ -121,8 +130,8 @@ class View:
 
     def roll_and_scale(self, pose: Pose) -> tuple[float, float]:
         """Roll in radians and scale in the crop of a face at a pose: 0 and 1 at the pose for which it was made."""
-        roll = math.remainder(roll_of(pose.R) - self.crop.angle, math.tau)
-        return roll, float(self.pose.t[2] / pose.t[2])
+        roll = math.remainder(pose.roll - self.pose.roll, math.tau)
+        return roll, self.pose.distance / pose.distance
 
     def shift(self, pose: Pose) -> float:
         """Distance across the view between a face at a pose and the one for which the crop was made, CANDIDE units."""

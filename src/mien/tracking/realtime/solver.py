@@ -53,19 +53,18 @@ class PoseSolver:
         """The crop of a frame for a pose at one level, and the landmarks that face the camera there: a set that stays
         as it is while the view is solved."""
         level = level.at(pose.angles)
-        crop = level.crop(pose.R, pose.t, self.camera)
-        image = crop.sample(frame, level.descriptor.blur)
-        geometry = (self.camera_vector, crop.linear, crop.offset, pose.ray)
+        camera = level.camera(self.camera, pose.ray, pose.roll, pose.distance)
+        image = camera.sample(frame, level.descriptor.blur)
         X, R = self.person.in_camera(pose), pose.arrays[0]
         facing = pose_geometry.facing_camera(
             X, self.face.normals, R, self.camera_vector, frame.width, frame.height, self.settings.hidden_cosine
         )
         facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
         if frame.graphics is not None:
-            facing &= self._uncovered(frame.graphics, X, level.descriptor.reach / crop.scale)
+            facing &= self._uncovered(frame.graphics, X, level.descriptor.reach / camera.scale)
         if is_blank(image):
             facing[:] = False
-        return View(level, pose, pose, crop, image, geometry, facing)
+        return View(level, pose, pose, image, (camera.projection, pose.ray), facing)
 
     def _uncovered(self, graphics: Graphics, X: Array, reach: float) -> Mask:
         """Which landmarks (n,), at points X (n, 3) in camera axes, graphics leave enough of. reach: pixels of the image
