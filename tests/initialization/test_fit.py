@@ -9,7 +9,7 @@ from mien.arrays import Array
 from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera, line_of_sight
-from mien.geometry.rotation import FACING, angle_between, euler_from_matrix, matrix_from_euler, ray_rotation
+from mien.geometry.rotation import FACING, angle_between, euler_from_matrix, exp, matrix_from_euler, ray_rotation
 from mien.initialization.fit import (
     AXES_SD_DEG,
     FirstFrame,
@@ -121,6 +121,18 @@ def test_a_face_near_the_camera_is_taken_to_look_into_it(degrees: float) -> None
     assert 0.4 < share[0] < share[1] < share[2] < 1
     assert (np.degrees(sd) < 1.01 * np.array(AXES_SD_DEG)).all()
     assert (np.diff(sd) < 0).all()
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_face_that_lies_on_its_side_looks_into_the_camera_all_the_same(quarters: int) -> None:
+    """An image that is rotated about the ray to the face."""
+    t = np.array([0.5, -0.3, 5.0])
+    R = exp(np.array([0.04, -0.03, 0.02])) @ FACING
+    turn = exp(0.5 * np.pi * quarters * t / np.linalg.norm(t))
+    (upright, sd), (turned, sd_turned) = most_likely_facing(R, t), most_likely_facing(turn @ R, t)
+    np.testing.assert_allclose(turned, turn @ upright, atol=1e-9)
+    np.testing.assert_allclose(sd_turned, sd)
+    assert np.degrees(angle_between(upright, R)) > 0.5
 
 
 @pytest.mark.parametrize("axis", range(3))

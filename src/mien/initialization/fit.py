@@ -141,10 +141,12 @@ def most_likely_facing(
     standard deviations (3,) of its tilt, pan and roll in radians. axes_sd_deg: of the head axes from the model's.
 
     The prior is a mixture: a person looks nearly into the camera, or anywhere. A head that is clearly turned away is
-    left as fitted.
+    left as fitted. One that lies on its side or upside down, or whose camera does, looks into the camera all the same.
     """
     ray = ray_rotation(t)
-    angles = np.degrees(euler_from_matrix(ray.T @ R @ FACING))
+    quarters = np.round(euler_from_matrix(ray.T @ R @ FACING)[2] / (0.5 * np.pi))
+    upright = ray @ exp(np.array([0.0, 0.0, 0.5 * np.pi * quarters]))
+    angles = np.degrees(euler_from_matrix(upright.T @ R @ FACING))
     axes = np.square(axes_sd_deg)
     frontal, elsewhere = (axes + sd**2 for sd in (FRONTAL_SD_DEG, ELSEWHERE_SD_DEG))
     odds = (1 - FRONTAL_SHARE) / FRONTAL_SHARE * np.sqrt(np.prod(frontal / elsewhere))
@@ -154,7 +156,7 @@ def most_likely_facing(
     gain = axes / frontal
     expected = angles * (1 - looks * gain)
     variance = looks * axes * (1 - gain) + (1 - looks) * axes + looks * (1 - looks) * (angles * gain) ** 2
-    return np.asarray(ray @ matrix_from_euler(np.radians(expected)) @ FACING), np.radians(np.sqrt(variance))
+    return np.asarray(upright @ matrix_from_euler(np.radians(expected)) @ FACING), np.radians(np.sqrt(variance))
 
 
 def turned_deg(R: Array, t: Array) -> float:

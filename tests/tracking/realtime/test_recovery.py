@@ -11,6 +11,7 @@ from long_motion import sequence
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, exp
+from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import recovery
 from mien.tracking.realtime.recovery import Keyframes, _pnp, turned_aside
 from mien.tracking.realtime.solution import Pose
@@ -58,10 +59,30 @@ def test_a_detected_face_is_placed_alike_wherever_it_is(monkeypatch: pytest.Monk
         seen = replace(landmarks, points=points + np.array([shift, 0]))
         monkeypatch.setattr(recovery, "detect_once", lambda frame, distant, seen=seen: [seen])
         there = replace(camera, cx=camera.cx + shift)
-        placed += list(recovery.find_by_detector(sequence().frames[0], face().fit, there))
+        placed += list(recovery.find_by_detector(sequence().frames[0], face().fit, there, 0.0, True))
     (R, t), (R_shifted, t_shifted) = placed
     np.testing.assert_allclose(R_shifted, R, atol=1e-6)
     np.testing.assert_allclose(t_shifted, t, atol=1e-5)
+
+
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+def test_a_detected_face_is_placed_as_it_lies(quarters: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The detector is shown an upright face, of a frame that is rotated clockwise by quarter turns."""
+    frame, landmarks, camera, fit = sequence().frames[0], face().landmarks, face().camera, face().fit
+
+    def detect_once(seen: Frame, distant: bool) -> list[Landmarks]:
+        np.testing.assert_array_equal(seen.pixels, frame.pixels)
+        return [landmarks]
+
+    monkeypatch.setattr(recovery, "detect_once", detect_once)
+    rotated = Frame(np.ascontiguousarray(np.rot90(frame.pixels, -quarters)))
+    middle = Camera.centred(camera.focal_px, rotated.width, rotated.height)
+    roll = 0.5 * np.pi * quarters + 0.6
+    ((R, t),) = recovery.find_by_detector(rotated, fit, middle, roll, True)
+    ((upright, at),) = recovery.find_by_detector(frame, fit, camera, 0.0, True)
+    turn = exp(np.array([0, 0, 0.5 * np.pi * quarters]))
+    np.testing.assert_allclose(R, turn @ upright, atol=1e-6)
+    np.testing.assert_allclose(t, turn @ at, atol=1e-5)
 
 
 def test_a_face_is_found_at_another_place_and_size(keyframes: Keyframes) -> None:

@@ -114,8 +114,8 @@ def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytes
     thorough: dict[int, bool] = {}
     known: list[int] = []
 
-    def by_detector(frame: Frame, fit: object, camera: object, everywhere: bool) -> Iterator[tuple[Array, Array]]:
-        thorough[frame.index] = everywhere
+    def by_detector(frame: Frame, *given: object) -> Iterator[tuple[Array, Array]]:
+        thorough[frame.index] = bool(given[-1])
         return iter(())
 
     monkeypatch.setattr("mien.tracking.realtime.tracker.find_by_detector", by_detector)

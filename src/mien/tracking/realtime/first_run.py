@@ -87,7 +87,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (person._update_average, (_array(2), 1, _array(1), _SEEN, 0.0, 0.0)),
     (kernels.student_information, (*[_array(1)] * 3, 0.0)),
     (kernels.squared_misplacement, (_array(3), _array(2), 0.0)),
-    (kernels.misplacement_variance, (_array(2), _array(3), _array(1))),
+    (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),

@@ -187,15 +187,16 @@ def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
 
 
 @kernel()
-def misplacement_variance(variance: Any, units: Any, error: Any) -> Any:
-    """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, an error (6,) of
-    the animation, in pixels per unit of length, adds its part in u and v."""
+def misplacement_variance(variance: Any, scale: float, units: Any, error: Any) -> Any:
+    """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, in a crop of which
+    a pixel is `scale` pixels of this one, an error (6,) of the animation, in pixels per unit of length, adds its part
+    in u and v."""
     out = variance.copy()
     for i in range(out.shape[0]):
         x, y, z = displacement(i, units, error)
         squared = x * x + y * y + z * z
-        out[i, 0] += squared
-        out[i, 1] += squared
+        out[i, 0] = scale * scale * out[i, 0] + squared
+        out[i, 1] = scale * scale * out[i, 1] + squared
     return out
 
 

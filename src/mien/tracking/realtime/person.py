@@ -137,8 +137,9 @@ class Person:
     def misplacement_variance(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
         no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
-        error = self.settings.unit_error * level.descriptor.pixels_per_unit * (animation - self.rest)
-        variance: Array = kernels.misplacement_variance(self.variance, self.units, error)
+        pixels_per_unit, measured = level.descriptor.pixels_per_unit, self.face.fine.descriptor.pixels_per_unit
+        error = self.settings.unit_error * pixels_per_unit * (animation - self.rest)
+        variance: Array = kernels.misplacement_variance(self.variance, pixels_per_unit / measured, self.units, error)
         return variance
 
     def learn(self, solution: Solution, agreement: Array) -> bool:
@@ -148,6 +149,7 @@ class Person:
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         trusted = solution.facing & (w > TRUSTED)
         _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
+        np.minimum(self.expected, s.expected_distance, out=self.expected)  # some are trusted beyond what is expected
         self._learn_locations(solution)
         self._learn_eyes(solution, agreement)
         return s.learn_shape and self._learn_shape(solution)

@@ -143,8 +143,8 @@ class Keyframes:
 
 
 def turned_aside(pose: Pose, R_first: Array) -> Iterator[Pose]:
-    """Poses of a head that has turned aside since it was at a pose, or back to where it looked in the first frame, with
-    rotation R_first (3, 3). The neck stays where it is."""
+    """Poses of a head that has turned aside, about the vertical of the image, since it was at a pose, or back to where
+    it looked in the first frame, with rotation R_first (3, 3). The neck stays where it is."""
     neck = pose.R @ _NECK + pose.t
     for pan in _PANS:
         R = exp(np.array([0.0, pan, 0.0])) @ R_first
@@ -152,12 +152,18 @@ def turned_aside(pose: Pose, R_first: Array) -> Iterator[Pose]:
 
 
 def find_by_detector(
-    frame: Frame, fit: FirstFrame, camera: Camera, distant: bool = True
+    frame: Frame, fit: FirstFrame, camera: Camera, roll: float, distant: bool
 ) -> Iterator[tuple[Array, Array]]:
-    """Poses R, t of the faces that the detector finds, the largest first. distant: whether to look for faces that are
-    small in the image where there is no other."""
-    for face in detect_once(frame, distant=distant)[:_MOST_FACES]:
+    """Poses R, t of the faces that the detector finds, the largest first. roll: about that of the face, radians, as the
+    detector takes a face upside down for an upright one; distant: whether to look for faces that are small in the image
+    where there is no other."""
+    quarters = round(roll / (0.5 * math.pi)) % 4
+    upright = Frame(np.ascontiguousarray(np.rot90(frame.pixels, quarters)), frame.index, frame.time)
+    turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), quarters)
+    centre, of_upright = (0.5 * (np.array([f.width, f.height]) - 1) for f in (frame, upright))
+    for face in detect_once(upright, distant=distant)[:_MOST_FACES]:
         vertices, points, _ = face.correspondences()
+        points = (points - of_upright) @ turn.T + centre
         placed = _pnp(fit.vertices()[vertices], points, camera, _TOLERANCE * place_of(points)[1])
         if placed is not None:
             yield placed[1:]

@@ -265,7 +265,7 @@ class RealtimeTracker:
     def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
         s, lost = self.settings, self.lost_frames
         thorough = lost < s.recovery_patience or lost % (3 * s.recovery_interval) == 0
-        yield from find_by_detector(frame, self.fit, self.camera, thorough)
+        yield from find_by_detector(frame, self.fit, self.camera, self.pose.roll, thorough)
         known = self.keyframes.find(frame, self.pose.t) if thorough else None
         if known is not None:
             yield known
