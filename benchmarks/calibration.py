@@ -123,17 +123,17 @@ def noted(run: Run) -> Frames:
     made: list[tuple[Any, ...]] = []
 
     def state_covariance(
-        spread: Array, d2: Array, seen: float, R: Array, view: Array, moved: Array, first: Reference, relief_sd: float,
+        spread: Array, d2: Array, seen: float, R: Array, seen_from: Array, moved: Array, first: Reference, relief_sd: float,
         lean: float, learned: float,
     ) -> Array:  # fmt: skip
         misfit = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
         without = (0.0, 0.0, learned)  # the shape's part
         no_axes = Reference(first.R, first.ray, np.zeros(3), first.covered)
-        turn, axes = R @ np.cross(view, first.view), (R - first.R) * first.axes_sd
-        other = np.trace(uncertainty.systematic_covariance(R, view, no_axes, *without)) / max(turn @ turn, 1e-12)
+        turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
+        other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, *without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty._LEAST_SEEN)
         made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other))
-        return uncertainty.state_covariance(spread, d2, seen, R, view, moved, first, relief_sd, lean, learned)
+        return uncertainty.state_covariance(spread, d2, seen, R, seen_from, moved, first, relief_sd, lean, learned)
 
     true = run.truth.rotations
     assert true is not None

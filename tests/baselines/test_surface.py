@@ -36,8 +36,8 @@ def test_the_surface_lies_in_the_face(surface: Surface) -> None:
     cheeks = face().fit.shape[[27, 60]]
     distance = np.linalg.norm(surface.points[:, None] - cheeks, axis=2).min(axis=0)
     assert (distance < 0.12).all()
-    hairline, chin = (face().fit.shape @ face().fit.turn)[[2, 10], 1]
-    assert np.ptp((surface.points @ face().fit.turn)[:, 1]) == pytest.approx(hairline - chin)
+    hairline, chin = (face().fit.shape @ face().fit.R_head_fit)[[2, 10], 1]
+    assert np.ptp((surface.points @ face().fit.R_head_fit)[:, 1]) == pytest.approx(hairline - chin)
 
 
 def test_normals_stand_on_the_surface(surface: Surface) -> None:

@@ -82,7 +82,7 @@ class Surface:
 def cylinder(fit: FirstFrame) -> Surface:
     """Fit a circular cylinder to the face, without the nose, from the chin to the hairline; it is upright in the axes
     of the fitted model, so that the estimated head axes do not change its shape."""
-    V = fit.shape @ fit.turn
+    V = fit.shape @ fit.R_head_fit
     low, high = V[CHIN, 1], V[HAIRLINE, 1]
     x, z = V[list(FRONT), 0], V[list(FRONT), 2]
     # x^2 + (z - c)^2 = r^2 is linear in c and r^2 - c^2.
@@ -93,13 +93,13 @@ def cylinder(fit: FirstFrame) -> Surface:
     normals = np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)])
     y = 0.5 * (low + high) + 0.5 * (high - low) * height
     points = r * normals + np.column_stack([0 * y, y, c + 0 * y])
-    return Surface(points @ fit.turn.T, normals @ fit.turn.T, angle, height)
+    return Surface(points @ fit.R_head_fit.T, normals @ fit.R_head_fit.T, angle, height)
 
 
 def ellipsoid(fit: FirstFrame) -> Surface:
     """Fit an ellipsoid, as wide as deep, to the face without the nose and anything above the hairline; upright like the
     cylinder."""
-    V = fit.shape @ fit.turn
+    V = fit.shape @ fit.R_head_fit
     low, high = V[CHIN, 1], V[HAIRLINE, 1]
     middle = 0.5 * (low + high)
     x, y, z = (V[list(FRONT)] - [0, middle, 0]).T
@@ -114,7 +114,7 @@ def ellipsoid(fit: FirstFrame) -> Surface:
     gradient = np.column_stack([s * np.sin(angle), m * y, s * np.cos(angle)])
     points = np.column_stack([s * np.sin(angle), middle + y, c + s * np.cos(angle)])
     normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
-    return Surface(points @ fit.turn.T, normals @ fit.turn.T, angle, height)
+    return Surface(points @ fit.R_head_fit.T, normals @ fit.R_head_fit.T, angle, height)
 
 
 def _grid() -> tuple[Array, Array]:

@@ -48,8 +48,8 @@ class FirstFrame:
 
     R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
     coefficients: (M,) of the shape prior; residual_px: root mean square reprojection error of the landmarks;
-    model: in head axes; turn: (3, 3), from the axes of the fitted model to the head axes; axes_sd: (3,) radians,
-    standard deviations of the head axes in tilt, pan and roll.
+    model: in head axes; R_head_fit: (3, 3), from the axes in which the shape was fitted, see `mien.geometry`; axes_sd:
+    (3,) radians, standard deviations of the head axes in tilt, pan and roll.
     """
 
     R: Array
@@ -61,7 +61,7 @@ class FirstFrame:
     mm_per_unit: float
     model: Candide
     prior: ShapePrior
-    turn: Array
+    R_head_fit: Array
     axes_sd: Array
 
     @property
@@ -117,8 +117,8 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     )
     R_fit, t = exp(x[:3]) @ R, x[3:6]
     R, axes_sd = most_likely_facing(R_fit, t)
-    turn = R.T @ R_fit
-    shape = prior.vertices(x[problem.shape_slice]) @ turn.T
+    R_head_fit = R.T @ R_fit
+    shape = prior.vertices(x[problem.shape_slice]) @ R_head_fit.T
     return FirstFrame(
         R=R,
         t=t,
@@ -127,9 +127,9 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
         coefficients=x[problem.shape_slice],
         residual_px=residual_px,
         mm_per_unit=mm_per_unit(shape),
-        model=model.turned(turn),
+        model=model.turned(R_head_fit),
         prior=prior,
-        turn=turn,
+        R_head_fit=R_head_fit,
         axes_sd=axes_sd,
     )
 

@@ -60,9 +60,9 @@ def _mesh_at_rest(tracker: FittedTracker) -> dict[str, Any]:
     """What `Track.mesh` needs: in millimetres and the axes of the head, as they are known now, the vertices (V, 3) at
     rest, and of each animation unit the displacements (m, 3) of those of the vertices that it moves."""
     fit, axes = tracker.fit, axes_of(tracker)
-    turn = fit.mm_per_unit * (np.eye(3) if axes is None else axes.turn)
+    to_head = fit.mm_per_unit * (np.eye(3) if axes is None else axes.R_model_head)
     units = {}
     for name, displacements in zip(TRACKED_UNITS, fit.model.animation_units, strict=True):
         moved = np.flatnonzero(np.abs(displacements).max(axis=1) > 0)
-        units[name] = {"moved": moved.tolist(), "by": np.round(displacements[moved] @ turn, 2).tolist()}
-    return {"vertices": np.round(fit.shape @ turn, 2).tolist(), "units": units}
+        units[name] = {"moved": moved.tolist(), "by": np.round(displacements[moved] @ to_head, 2).tolist()}
+    return {"vertices": np.round(fit.shape @ to_head, 2).tolist(), "units": units}

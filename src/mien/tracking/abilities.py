@@ -38,10 +38,10 @@ class ShapeTracker(Protocol):
 
 @runtime_checkable
 class Axes(Protocol):
-    """The head axes as they are known now: turn (3, 3), from the axes of the fitted model; `report_anew` returns the
+    """The head axes as they are known now: R_model_head (3, 3), from them to the model's; `report_anew` returns the
     rotation (3, 3), in camera axes, that corrects everything reported so far."""
 
-    turn: Array
+    R_model_head: Array
 
     def report_anew(self) -> Array: ...
 

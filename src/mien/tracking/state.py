@@ -62,12 +62,12 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What a tracker knows after one frame. A lost face has status LOST and no rotation. None is equal to another.
+    """What a tracker knows after one frame. A lost face has status LOST and no rotation. Estimates compare by identity.
 
     rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
     of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
     corrects what has turned since the first frame, whose own error is not in it; confidence in [0, 1]: the
-    probability that the rotation is right to 5 degrees; model_rotation: (3, 3) from the axes of the fitted model, which
+    probability that the rotation is right to 5 degrees; model_rotation: (3, 3) from the axes of the model, which
     stay while those of the head are learned, to the camera's. What a tracker does not estimate is None. mm_per_unit
     converts lengths at the boundary.
     """

@@ -42,13 +42,13 @@ def _axes(tracker: RealtimeTracker, lean_deg: Array, settings: RealtimeSettings 
     shape: ShapePosterior = deepcopy(tracker.person.shape)
     shape.mean = shape.start @ exp(np.radians(np.append(lean_deg, 0.0))).T
     t = tracker.fit.t
-    fit = replace(tracker.fit, R=ray_rotation(t) @ FACING, turn=np.eye(3))
+    fit = replace(tracker.fit, R=ray_rotation(t) @ FACING, R_head_fit=np.eye(3))
     return HeadAxes(fit, Pose(fit.R, t, fit.animation), shape, settings)
 
 
 def test_a_shape_as_in_the_first_frame_leaves_the_axes(tracker: RealtimeTracker) -> None:
     axes = _axes(tracker, np.zeros(2))
-    np.testing.assert_array_equal(axes.turn, np.eye(3))
+    np.testing.assert_array_equal(axes.R_model_head, np.eye(3))
     np.testing.assert_array_equal(axes.first.axes_sd, tracker.fit.axes_sd)
 
 
@@ -56,16 +56,16 @@ def test_a_shape_as_in_the_first_frame_leaves_the_axes(tracker: RealtimeTracker)
 def test_the_axes_lean_with_the_shape(tracker: RealtimeTracker, lean_deg: list[float], axis: int) -> None:
     """About the same axis, by the share that is set, less what is known of a face that looks into the camera."""
     none = RealtimeSettings(axes_tilt_share=0.0, axes_pan_share=0.0)
-    assert not log(_axes(tracker, np.array(lean_deg), none).turn).any()
+    assert not log(_axes(tracker, np.array(lean_deg), none).R_model_head).any()
     expected = np.zeros(3)
     share = (SETTINGS.axes_tilt_share, SETTINGS.axes_pan_share)[axis]
     expected[axis] = share * lean_deg[axis] * (0.5, 0.85)[axis]
-    np.testing.assert_allclose(np.degrees(log(_axes(tracker, np.array(lean_deg)).turn)), expected, atol=0.05)
+    np.testing.assert_allclose(np.degrees(log(_axes(tracker, np.array(lean_deg)).R_model_head)), expected, atol=0.05)
 
 
 def test_what_is_learned_turns_nothing_in_the_first_frame(tracker: RealtimeTracker) -> None:
     axes = _axes(tracker, np.array([8.0, -6.0]))
-    assert np.linalg.norm(log(axes.turn)) > np.radians(1)
+    assert np.linalg.norm(log(axes.R_model_head)) > np.radians(1)
     np.testing.assert_allclose(axes.rotation(axes.first.R), axes.first.R, atol=1e-12)
 
 
@@ -73,8 +73,8 @@ def test_turns_are_read_in_the_axes_of_the_head(tracker: RealtimeTracker) -> Non
     """A head whose model stands askew in it, turned by tilt, pan and roll of its own."""
     axes = _axes(tracker, np.array([8.0, -6.0]))
     own = matrix_from_euler(np.radians([20.0, -35.0, 10.0]))
-    first = axes.first.R @ axes.turn
-    R = axes.rotation(first @ own @ axes.turn.T)
+    first = axes.first.R @ axes.R_model_head
+    R = axes.rotation(first @ own @ axes.R_model_head.T)
     np.testing.assert_allclose(axes.first.R.T @ R, own, atol=1e-12)
 
 
@@ -85,9 +85,9 @@ def test_what_is_told_anew_turns_all_frames_alike(tracker: RealtimeTracker) -> N
     before = [axes.rotation(R) for R in models]
     turn = axes.report_anew()
     for R, told in zip(models, before, strict=True):
-        np.testing.assert_allclose(turn @ told, R @ axes.turn, atol=1e-12)
-        np.testing.assert_allclose(axes.rotation(R), R @ axes.turn, atol=1e-12)
-        np.testing.assert_allclose(axes.model_rotation(R @ axes.turn), R, atol=1e-12)
+        np.testing.assert_allclose(turn @ told, R @ axes.R_model_head, atol=1e-12)
+        np.testing.assert_allclose(axes.rotation(R), R @ axes.R_model_head, atol=1e-12)
+        np.testing.assert_allclose(axes.model_rotation(R @ axes.R_model_head), R, atol=1e-12)
     np.testing.assert_allclose(axes.report_anew(), np.eye(3), atol=1e-12)
 
 

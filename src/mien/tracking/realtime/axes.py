@@ -34,7 +34,7 @@ class HeadAxes:
     """The reference of later rotations, and the axes in which they are reported.
 
     first: rotation of the model in the first frame, and how well the axes are known; reported: (3, 3) rotation of the
-    head that was reported for it; turn: (3, 3) from the axes of the model to those of the head.
+    head that was reported for it; R_model_head: (3, 3) from its axes to those of the model.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class HeadAxes:
         self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered)
         self.reported = pose.R
         self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
-        self.turn = np.eye(3)
+        self.R_model_head = np.eye(3)
         self._lean = np.zeros(2)
         self.learn(shape)
 
@@ -60,21 +60,21 @@ class HeadAxes:
         if math.dist(lean.tolist(), self._lean.tolist()) < _LEAST:
             return
         self._lean, fit = lean, self.fit
-        R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.turn, fit.t, _SD_DEG)
-        self.turn = fit.R.T @ R
+        R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.R_head_fit, fit.t, _SD_DEG)
+        self.R_model_head = fit.R.T @ R
         self.first = replace(self.first, axes_sd=sd)
 
     def rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the head where the model has R (3, 3): for the first frame the one that was reported, so
         that nothing learned later turns it; what has turned since is expressed in the axes of the head."""
-        return np.asarray(self.reported @ self.turn.T @ self.first.R.T @ R @ self.turn)
+        return np.asarray(self.reported @ self.R_model_head.T @ self.first.R.T @ R @ self.R_model_head)
 
     def model_rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
-        return np.asarray(self.first.R @ self.turn @ self.reported.T @ R @ self.turn.T)
+        return np.asarray(self.first.R @ self.R_model_head @ self.reported.T @ R @ self.R_model_head.T)
 
     def report_anew(self) -> Array:
         """Report the first frame by what is known now; returns the rotation (3, 3), in camera axes, that corrects
         everything reported so far."""
-        before, self.reported = self.reported, self.first.R @ self.turn
+        before, self.reported = self.reported, self.first.R @ self.R_model_head
         return np.asarray(self.reported @ before.T)

@@ -22,8 +22,8 @@ class StatePrior:
     otherwise may show anything. What a turn does to a face looks much like an expression, so it tightens as the head
     turns.
 
-    information: (12, 12) of a step from the last pose, where no motion has been measured; view: (3,) from where the
-    first frame sees the head, `Pose.view`, from which turns are counted.
+    information: (12, 12) of a step from the last pose, where no motion has been measured; seen_from: (3,) from
+    where the first frame sees the head, `Pose.seen_from`, from which turns are counted.
     """
 
     def __init__(self, first: Pose, settings: RealtimeSettings) -> None:
@@ -32,7 +32,7 @@ class StatePrior:
         sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation, s.prior_jaw)
         self.settings = s
         self.information = np.diag(1 / sd**2)
-        self.rest, self.view = first.animation, first.view
+        self.rest, self.seen_from = first.animation, first.seen_from
         self.rest_information, self.firmness = np.full(6, s.rest_animation**-2), np.full(6, s.rest_firmness)
         self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest_mouth**-2, s.rest_mouth_firmness
         self.firmness[JAW_DROP] = s.rest_jaw_firmness
@@ -45,9 +45,8 @@ class StatePrior:
     def _rest_information(self, predicted: Prediction) -> Array:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""
         s = self.settings
-        turned = (
-            max(1 - float(predicted.pose.view @ self.view) ** 2, 0.0) / math.sin(math.radians(s.rest_turn_deg)) ** 2
-        )
+        squared_sine = max(1 - float(predicted.pose.seen_from @ self.seen_from) ** 2, 0.0)
+        turned = squared_sine / math.sin(math.radians(s.rest_turn_deg)) ** 2
         moved = (predicted.last.animation - self.rest) / s.rest_within
         information: Array = kernels.student_information(self.rest_information, moved, self.firmness, 1 + turned)
         return information

@@ -51,7 +51,7 @@ class Pose:
         return np.asarray(self.t / math.sqrt(float(self.t @ self.t)))
 
     @cached_property
-    def view(self) -> Array:
+    def seen_from(self) -> Array:
         """(3,) the same in head axes: from where the head is seen."""
         return np.asarray(self.R.T @ self.line_of_sight)
 

@@ -124,7 +124,7 @@ class RealtimeTracker:
         for _ in range(3):
             view, solution = self.solver.refine(frame, self._prediction(self.pose))
             self.pose = solution.pose
-        self.prior.view, self.first_animation = self.pose.view, self.pose.animation
+        self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         if self.closing is None:
@@ -182,7 +182,7 @@ class RealtimeTracker:
 
     def _familiarity(self, solution: Solution) -> float:
         """`familiarity` of a solution that is the present pose."""
-        cosine = float(self.pose.view @ self.axes.first.view)
+        cosine = float(self.pose.seen_from @ self.axes.first.seen_from)
         return familiarity(solution.distinctive_d2, math.acos(min(max(cosine, -1.0), 1.0)))
 
     def _surroundings(self, frame: Frame) -> float:
@@ -389,7 +389,7 @@ class RealtimeTracker:
         shape, learned = self.person.shape, self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
         covariance = state_covariance(
-            solution.step_covariance, d2, share, self.pose.R, self.pose.view, moved, self.axes.first,
+            solution.step_covariance, d2, share, self.pose.R, self.pose.seen_from, moved, self.axes.first,
             shape.relief_sd, math.hypot(*shape.lean.tolist()), learned,
         )  # fmt: skip
         sure = confidence(covariance, share, familiar, self.identity.probability)

@@ -89,7 +89,7 @@ class Reference:
         return np.asarray(self.axes_sd * AXES_SCALE)
 
     @cached_property
-    def view(self) -> Array:
+    def seen_from(self) -> Array:
         """(3,) the ray in head axes: from where the first frame sees the face."""
         return np.asarray(self.R.T @ self.ray)
 
@@ -104,7 +104,7 @@ def state_covariance(
     d2: Array,
     seen: float,
     R: Array,
-    view: Array,
+    seen_from: Array,
     moved: Array,
     first: Reference,
     relief_sd: float,
@@ -114,10 +114,10 @@ def state_covariance(
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3), with units that have moved by
     `moved` (6,) since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first
-    frame's, a likewise, and t has the unit of length of the fitted face. view, relief_sd, lean, learned: see
+    frame's, a likewise, and t has the unit of length of the fitted face. seen_from, relief_sd, lean, learned: see
     `systematic_covariance`."""
-    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(view @ first.view) ** 2)
-    systematic = systematic_covariance(R, view, first, relief_sd, lean, learned)
+    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
+    systematic = systematic_covariance(R, seen_from, first, relief_sd, lean, learned)
     covariance: Array = _total_covariance(frame_variance(d2, seen), spread, across, systematic, moved)
     return covariance
 
@@ -151,29 +151,29 @@ def frame_variance(d2: Array, seen: float) -> float:
 
 
 def systematic_covariance(
-    R: Array, view: Array, first: Reference, relief_sd: float, lean: float = 0.0, learned: float = 0.0
+    R: Array, seen_from: Array, first: Reference, relief_sd: float, lean: float = 0.0, learned: float = 0.0
 ) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
-    head's axes. view: (3,) from where the head is seen, `Pose.view`. A relief that is too deep along the first frame's
+    head's axes. seen_from: (3,) from where, `Pose.seen_from`. A relief that is too deep along the first frame's
     view turns too little, by a share with standard deviation relief_sd, about the axis that is perpendicular to both
     views: also where a head crosses the image without a rotation. So does a face whose learned depths lean, by an angle
     in radians, away from those of the first frame, one of which that frame shows one side only or a part, one that has
     turned far, and one whose appearance was, by a share `learned`, learned where the tracker believed it to be in the
     turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
-    far = FAR_SCALE * max(FAR_COSINE - float(view @ first.view), 0.0)
+    far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
     share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far)
-    covariance: Array = _of_relief_and_axes(R, view, first.R, first.view, first.scaled_axes_sd, share)
+    covariance: Array = _of_relief_and_axes(R, seen_from, first.R, first.seen_from, first.scaled_axes_sd, share)
     return covariance
 
 
 @kernel()
-def _of_relief_and_axes(R: Any, view: Any, R_first: Any, first_view: Any, axes_sd: Any, share: float) -> Any:
+def _of_relief_and_axes(R: Any, seen_from: Any, R_first: Any, first_from: Any, axes_sd: Any, share: float) -> Any:
     """`systematic_covariance`, with the share by which the turn is too large or too small."""
     out, turn = np.empty((3, 3)), np.zeros(3)
     for k in range(3):
         m, n = (k + 1) % 3, (k + 2) % 3
-        across = share * (view[m] * first_view[n] - view[n] * first_view[m])
+        across = share * (seen_from[m] * first_from[n] - seen_from[n] * first_from[m])
         for i in range(3):
             turn[i] += R[i, k] * across
     for i in range(3):
