@@ -123,8 +123,8 @@ def noted(run: Run) -> Frames:
     made: list[tuple[Any, ...]] = []
 
     def state_covariance(
-        spread: Array, d2: Array, seen: float, R: Array, seen_from: Array, moved: Array, first: Reference, relief_sd: float,
-        lean: float, learned: float,
+        spread: Array, d2: Array, seen: float, R: Array, seen_from: Array, moved: Array, first: Reference,
+        relief_sd: float, lean: float, learned: float,
     ) -> Array:  # fmt: skip
         misfit = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
         without = (0.0, 0.0, learned)  # the shape's part

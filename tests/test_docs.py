@@ -7,7 +7,10 @@ from collections import Counter
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from mien.config import RealtimeSettings
@@ -53,6 +56,36 @@ def test_links_lead_somewhere(page: Path) -> None:
         target = page.parent / file if file else page
         assert target.exists(), link
         assert not anchor or anchor in _anchors(target), link
+
+
+def test_the_recipes_find_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A minute at 25 frames a second: ten blinks, one long closing of the eyes, six nods, five shakes and a slow bow;
+    the mouth smiles in a fifth of the time; ten seconds are not known."""
+    time = np.arange(1500) / 25
+    table = pd.DataFrame({"timestamp": time, "confidence": 0.99, "eyes_closed": 0.02, "pose_Rz": 0.0})
+    for start in np.linspace(2, 45, 10):
+        table.loc[(time >= start) & (time < start + 0.2), "eyes_closed"] = 0.9
+    table.loc[(time > 47) & (time < 49), "eyes_closed"] = 1.0
+    swing = np.radians(4) * np.maximum(np.sin(4 * np.pi * time), 0)
+    table["pose_Rx"] = np.where((time > 20) & (time < 23), swing, 0) + np.radians(20) * np.exp(
+        -(((time - 40) / 2) ** 2)
+    )
+    table["pose_Ry"] = np.where((time > 10) & (time < 12.5), swing, 0)
+    table[["jaw_drop", "lip_stretcher", "brow_lowerer", "outer_brow_raiser", "upper_lip_raiser"]] = 0.1
+    table["lip_corner_depressor"] = np.where(time < 10, -0.5, 0.15)
+    table.loc[time >= 50, "confidence"] = 0.2
+    table.loc[time >= 55, ["pose_Rx", "pose_Ry", "pose_Rz", "eyes_closed"]] = np.nan
+    table.to_csv(tmp_path / "video.csv", index=False)
+    monkeypatch.chdir(tmp_path)
+    recipes = (DOCS / "usage.md").read_text(encoding="utf-8").split("## Recipes")[1]
+    found: dict[str, Any] = {}
+    exec("\n".join(re.findall(r"^```python\n(.*?)^```", recipes, re.DOTALL | re.MULTILINE)), found)
+    assert len(found["blinks"]) == 10
+    assert found["per_minute"] == pytest.approx(12, rel=0.01)
+    assert (len(found["nods"]), len(found["shakes"])) == (6, 5)
+    assert found["smiling"] == pytest.approx(0.2)
+    turned = np.degrees(np.abs(np.diff(table["pose_Rx"])) + np.abs(np.diff(table["pose_Ry"])))[:1249]
+    assert found["mean_speed"] == pytest.approx(turned.mean() * 25, rel=0.01)
 
 
 def _text(page: Path) -> str:
