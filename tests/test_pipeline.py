@@ -402,7 +402,7 @@ class WiserTracker(StillTracker):
         self.stops = stops
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        self.axes = SimpleNamespace(turn=np.eye(3), report_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
+        self.axes = SimpleNamespace(R_model_head=np.eye(3), report_anew=lambda: exp(np.array([0.0, 0.05, 0.0])))
         return super().initialize(frame, landmarks, camera)
 
     def track(self, frame: Frame) -> Estimate:
