@@ -38,7 +38,7 @@ class Surface:
 def face_surface(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Surface:
     """The surface of the face in the first frame, camera axes."""
     if landmarks.depths is None:
-        vertices = fit.vertices() @ fit.R.T + fit.t
+        vertices = fit.in_camera()
         triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
     else:
         vertices = _from_depths(landmarks, fit, camera)
@@ -80,7 +80,7 @@ def _from_depths(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Array
     assert depths is not None
     unit = float(fit.t[2]) / camera.focal_px  # CANDIDE units in a pixel at the distance of the face
     sight = line_of_sight(landmarks.points, camera)
-    fitted = (fit.vertices()[known] @ fit.R.T + fit.t) @ sight
+    fitted = fit.in_camera()[known] @ sight
     distances = np.median(fitted - depths * unit) + landmarks.depths[:_MESH_POINTS] * unit
     return at_distances(landmarks.points[:_MESH_POINTS], distances, sight, camera)
 

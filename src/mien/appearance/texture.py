@@ -14,7 +14,7 @@ from mien.initialization.fit import FirstFrame
 
 def texture_from_frame(frame: Frame, fit: FirstFrame, camera: Camera, pixels_per_unit: float) -> Texture:
     """Grey texture of the fitted CANDIDE."""
-    return texture_of_vertices(frame, fit.vertices() @ fit.R.T + fit.t, float(fit.t[2]), camera, pixels_per_unit)
+    return texture_of_vertices(frame, fit.in_camera(), float(fit.t[2]), camera, pixels_per_unit)
 
 
 def texture_of_vertices(

@@ -11,7 +11,7 @@ from numbers import Real
 
 import numpy as np
 
-from mien.arrays import Array
+from mien.arrays import Array, Mask
 from mien.errors import require
 
 DEFAULT_FOV_DEG = 60.0
@@ -61,7 +61,7 @@ class Camera:
         """(3, 3) from points in camera axes to homogeneous pixels."""
         return np.array([[self.focal_px, 0.0, self.cx], [0.0, self.focal_px, self.cy], [0.0, 0.0, 1.0]])
 
-    def project(self, X: Array) -> tuple[Array, NDArrayBool]:
+    def project(self, X: Array) -> tuple[Array, Mask]:
         """Project points to the image, with a mask of those in front of the camera.
 
         (..., 3) in camera axes -> (..., 2) in pixels, (...) bool. Points behind the camera are NaN.
@@ -72,7 +72,13 @@ class Camera:
         points += self.vector[1:]
         return points, valid[..., 0]
 
-    def in_image(self, X: Array, width: int, height: int) -> NDArrayBool:
+    def rays(self, points: Array) -> Array:
+        """Points (..., 3) in camera axes at a depth of 1 that are seen at pixels (..., 2)."""
+        rays = np.ones((*points.shape[:-1], 3))
+        rays[..., :2] = (points - [self.cx, self.cy]) / self.focal_px
+        return rays
+
+    def in_image(self, X: Array, width: int, height: int) -> Mask:
         """Mask (...) of the points (..., 3), camera axes, that project into an image of this size in pixels."""
         u, v, z = self.focal_px * X[..., 0], self.focal_px * X[..., 1], X[..., 2]
         across = (u >= -self.cx * z) & (u <= (width - 1 - self.cx) * z)
@@ -93,15 +99,14 @@ class Camera:
 def line_of_sight(points: Array, camera: Camera) -> Array:
     """Unit vector (3,) in camera axes towards the middle of image points (n, 2), that of a box around them."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    u, v = (middle - [camera.cx, camera.cy]) / camera.focal_px
-    ray = np.array([u, v, 1.0])
+    ray = camera.rays(middle)
     return np.asarray(ray / np.linalg.norm(ray))
 
 
 def at_distances(points: Array, distances: Array, sight: Array, camera: Camera) -> Array:
     """Points (n, 3) in camera axes that are seen at image points (n, 2), at distances (n,) along a line of sight
     (3,)."""
-    rays = np.column_stack([(points - [camera.cx, camera.cy]) / camera.focal_px, np.ones(len(points))])
+    rays = camera.rays(points)
     return np.asarray(rays * (distances / (rays @ sight))[:, None])
 
 
@@ -114,6 +119,3 @@ def back_project(points: Array, camera: Camera) -> Array:
     """
     sight = line_of_sight(points[:, :2], camera)
     return at_distances(points[:, :2], camera.focal_px / sight[2] + points[:, 2], sight, camera)
-
-
-NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]

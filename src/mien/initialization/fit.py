@@ -74,6 +74,10 @@ class FirstFrame:
         a = self.animation if animation is None else animation
         return np.asarray(self.shape + np.tensordot(a, self.model.animation_units, axes=1))
 
+    def in_camera(self) -> Array:
+        """Vertices (V, 3) of the first frame in camera axes."""
+        return np.asarray(self.vertices() @ self.R.T + self.t)
+
     def mesh(self, R: Array | None, t: Array | None, animation: Array | None) -> Array | None:
         """Vertices (V, 3) in camera axes at a pose; None without one. An unknown animation is that of the first
         frame."""

@@ -25,7 +25,7 @@ def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> t
     singular = np.linalg.svd(M, compute_uv=False)
     require(bool(singular[2] > 1e-6 * singular[0]), "POSIT needs points that do not lie in one plane")
     B = np.linalg.pinv(M)
-    xy = (image - [camera.cx, camera.cy]) / camera.focal_px
+    xy = camera.rays(image)[:, :2]
     depth_ratio = np.zeros(len(model))  # epsilon_k = Z_k / Z_0 - 1
     for _ in range(iterations):
         scaled = xy * (1 + depth_ratio)[:, None] - xy[origin]

@@ -61,7 +61,7 @@ def learn_face(
 ) -> LearnedFace:
     """Render the first frame's face from a grid of tilts and pans and regress the descriptors on them."""
     surface = face_surface(landmarks, fit, camera)
-    points = on_surface(fit.vertices()[vertices] @ fit.R.T + fit.t, surface, camera)
+    points = on_surface(fit.in_camera()[vertices], surface, camera)
     normals = _normals_at(points, surface, camera) @ fit.R
     part, near = _cut_out(frame, surface, camera)
     pixels = near.project(points)[0]
@@ -263,9 +263,7 @@ def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera
     half = np.full(len(points), settings.motion_patch)
     half[_CORNERS] = settings.motion_corner
     pixels = camera.project(points)[0][:, None] + grid * half[:, None, None]
-    grids = np.ones((*pixels.shape[:2], 3))
-    grids[..., :2] = (pixels - [camera.cx, camera.cy]) / camera.focal_px
-    grids *= points[:, None, 2:]
+    grids = camera.rays(pixels) * points[:, None, 2:]
     return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)
 
 

@@ -68,7 +68,7 @@ class Keyframe:
         q = np.array([k.pt for k in keypoints])
         z = depth[np.rint(q[:, 1]).astype(int), np.rint(q[:, 0]).astype(int)]
         seen = np.isfinite(z)
-        points = np.column_stack([(q - [self.view.cx, self.view.cy]) / self.view.focal_px * z[:, None], z])[seen]
+        points = (self.view.rays(q) * z[:, None])[seen]
         return descriptors[seen], (points - self.t) @ self.R
 
 
