@@ -12,7 +12,6 @@ from mien.arrays import Array
 from mien.errors import MienError, interruption, warn
 from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import Landmarks
-from mien.initialization.looks import COVERED, COVERED_WITHIN_DEG
 from mien.output.destination import Destination
 from mien.output.track import Recorder, Track
 from mien.output.window import Window
@@ -21,6 +20,7 @@ from mien.pipeline.metadata import metadata
 from mien.pipeline.run import run, run_back
 from mien.registry import create_tracker
 from mien.start.first_frame import Start
+from mien.start.looks import COVERED, COVERED_WITHIN_DEG
 from mien.start.search import TURNED_DEG
 from mien.tracking.abilities import GraphicsTracker, RepeatableTracker, ShapeTracker, axes_of
 from mien.tracking.state import Estimate, Status, Tracker

@@ -16,9 +16,9 @@ from mien.geometry.camera import Camera
 from mien.graphics import Graphics
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmarks import Landmarks, Point
-from mien.initialization.looks import detail, disagreement_error, expected_errors, rotation_of
-from mien.initialization.still import StillSearch
 from mien.start.footage import Footage
+from mien.start.looks import detail, disagreement_error, expected_errors, rotation_of
+from mien.start.still import StillSearch
 from mien.tracking.scene import numbered_by_shot
 from mien.video import decode_frame
 from mien.video.selection import SAME_TIME

@@ -13,7 +13,7 @@ from mien.arrays import Array, Pixels
 from mien.frame import Frame
 from mien.graphics import Graphics
 from mien.initialization.landmarks import Landmarks, place_of
-from mien.initialization.still import StillSearch
+from mien.start.still import StillSearch
 
 LOOKS = range(0, 40, 3)
 

@@ -13,7 +13,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import exp
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
-from mien.initialization.looks import (
+from mien.start.looks import (
     LEAST_DETAIL,
     PER_DEGREE,
     PER_DETAIL,
