@@ -46,7 +46,7 @@ def next_frame() -> Frame:
 
 def _measured(tracker: RealtimeTracker, frame: Frame) -> Pose:
     view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
-    return tracker._predict_from_motion(view, tracker._prediction(tracker.pose)).pose
+    return tracker._predict_from_motion(view, tracker.prior.prediction(tracker.pose, tracker.pose)).pose
 
 
 def _error_deg(tracker: RealtimeTracker, found: Pose) -> float:
@@ -97,7 +97,7 @@ def test_a_mouth_that_widens_at_once_is_measured(step: float) -> None:
 
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker.solver.view(tracker.face.fine, next_frame, tracker.pose)
-    person, prior = tracker.person.arrays, tracker.prior.arrays(tracker._prediction(tracker.pose))
+    person, prior = tracker.person.arrays, tracker.prior.arrays(tracker.prior.prediction(tracker.pose, tracker.pose))
     motion = Motion(tracker.face.patches, tracker.person.mouth, tracker.settings)
     motion.remember(view.image, person, tracker.pose.arrays, view.geometry)
     (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
@@ -173,7 +173,7 @@ def test_a_face_is_the_same_in_the_next_frame_and_another_picture_is_not(next_fr
     for frame in (next_frame, noisy, turned):
         tracker = RealtimeTracker()
         tracker.initialize(first, face().landmarks, face().camera)
-        view, solution = tracker.solver.refine(next_frame, tracker._prediction(tracker.pose))
+        view, solution = tracker.solver.refine(next_frame, tracker.prior.prediction(tracker.pose, tracker.pose))
         tracker.pose = solution.pose
         seen = tracker.solver.view(tracker.face.fine, frame, solution.pose)
         agreements.append(tracker._remember(frame, replace(seen, facing=view.facing), solution)[0])

@@ -31,7 +31,7 @@ COUNT = len(sequence().frames)
 
 @pytest.fixture(autouse=True)
 def _without_detector(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mien.tracking.realtime.tracker.find_by_detector", lambda *_: iter(()))
+    monkeypatch.setattr("mien.tracking.realtime.recovery.find_by_detector", lambda *_: iter(()))
 
 
 def _changed(change: Callable[[Array], Array], rows: Iterable[int]) -> SyntheticSequence:
@@ -118,10 +118,10 @@ def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytes
         thorough[frame.index] = bool(given[-1])
         return iter(())
 
-    monkeypatch.setattr("mien.tracking.realtime.tracker.find_by_detector", by_detector)
+    monkeypatch.setattr("mien.tracking.realtime.recovery.find_by_detector", by_detector)
     tracker = RealtimeTracker(RealtimeSettings(recovery_interval=2, recovery_patience=10))
     tracker.initialize(frames[0], face().landmarks, face().camera)
-    monkeypatch.setattr(tracker.keyframes, "find", lambda frame, _: known.append(frame.index))
+    monkeypatch.setattr(tracker.recovery.keyframes, "find", lambda frame, _: known.append(frame.index))
     rng = np.random.default_rng(0)
     for k in range(24):  # the first frame that is lost has index 0
         tracker.track(Frame(_rounded(rng.uniform(0, 255, (240, 320, 3))), k))

@@ -23,7 +23,9 @@ def problem() -> tuple[PosePosterior, np.ndarray]:
         tracker.track(frame)
     pose = tracker.pose
     view = tracker.solver.view(tracker.face.fine, frames[4], pose)
-    return tracker.solver.posterior(view, tracker._prediction(tracker.pose)), pack(pose.R, pose.t, pose.animation)
+    return tracker.solver.posterior(view, tracker.prior.prediction(tracker.pose, tracker.pose)), pack(
+        pose.R, pose.t, pose.animation
+    )
 
 
 def test_the_gradient_goes_where_the_simplex_goes(problem: tuple[PosePosterior, np.ndarray]) -> None:

@@ -231,7 +231,7 @@ def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
     tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
-    prior = tracker.prior.arrays(tracker._prediction(tracker.pose))
+    prior = tracker.prior.arrays(tracker.prior.prediction(tracker.pose, tracker.pose))
     np.testing.assert_array_equal(prior.rest, tracker.fit.animation)
     loose = np.array([1.0, 1.0, 1.0, 4.0, 1.0, 4.0])  # the second is jaw_drop, fourth and sixth are of the brows
     np.testing.assert_allclose(prior.rest_information, loose * [51, 41, 26, 11, 1 + 50 / 101, 3], rtol=1e-6)
@@ -268,7 +268,7 @@ def test_a_mouth_that_was_lost_is_found_at_rest() -> None:
     taken = rest.copy()
     taken[TRACKED_UNITS.index("upper_lip_raiser")] += 1.4
     tracker.pose = replace(tracker.pose, animation=taken)
-    tracker._remember(frame, *tracker.solver.refine(frame, tracker._prediction(tracker.pose)))
+    tracker._remember(frame, *tracker.solver.refine(frame, tracker.prior.prediction(tracker.pose, tracker.pose)))
     tracker.track(frame)
     np.testing.assert_allclose(tracker.pose.animation, rest, atol=0.1)
 
@@ -295,7 +295,7 @@ def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
 def test_misplacement_solves_each_landmark_alone() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
-    _, solution = tracker.solver.refine(sequence().frames[1], tracker._prediction(tracker.pose))
+    _, solution = tracker.solver.refine(sequence().frames[1], tracker.prior.prediction(tracker.pose, tracker.pose))
     seen = solution.facing
     expected = -np.linalg.solve(solution.at.M[seen, :2, :2], solution.at.g[seen, :2, None])[:, :, 0]
     assert 0 < (np.abs(expected) > 0.1).mean() < 0.9
@@ -458,7 +458,7 @@ def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     predicted = tracker.pose
-    _, found = tracker.solver.refine(sequence().frames[3], tracker._prediction(tracker.pose))
+    _, found = tracker.solver.refine(sequence().frames[3], tracker.prior.prediction(tracker.pose, tracker.pose))
     assert found.seen(tracker.settings.seen_distance)[1] > tracker.settings.hold_share
     assert tracker._damp(predicted, found) is found
 

@@ -37,6 +37,10 @@ class StatePrior:
         self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest_mouth**-2, s.rest_mouth_firmness
         self.firmness[JAW_DROP] = s.rest_jaw_firmness
 
+    def prediction(self, pose: Pose, last: Pose) -> Prediction:
+        """The prediction of a pose by the last one alone, without a measured motion."""
+        return Prediction(pose, self.information, last)
+
     def arrays(self, predicted: Prediction) -> PriorArrays:
         """The prior about a prediction, as the kernels take it."""
         information = self._rest_information(predicted)

@@ -1,13 +1,14 @@
 """Finding a lost face: where a head that turns aside would have it, by the detector, or by keyframes, matched with SIFT
 and placed by PnP.
 
-All of these only propose poses; the energy of the tracker decides whether the face there is the one it knows.
+All of these only propose poses; the energy of the tracker decides whether the face there is the one it knows. The
+file begins with the proposals and ends with `Recovery`, which decides when to ask for them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,13 +18,16 @@ import numpy as np
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.views import crop_camera, crop_of_face
 from mien.arrays import Array, Float32, Pixels
+from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import exp
 from mien.initialization.detector import detect_once
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import place_of
-from mien.tracking.realtime.solution import Pose
+from mien.tracking.realtime.prior import StatePrior
+from mien.tracking.realtime.solution import Pose, Solution, View
+from mien.tracking.realtime.solver import PoseSolver
 
 KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size
 _CROP_UNITS = 2.0
@@ -38,6 +42,9 @@ _NECK = np.array([0.0, 0.0, -0.7])
 _PANS = np.radians([-50.0, -25.0, 0.0, 25.0, 50.0])
 """From the first frame's view, where a head that has turned is looked for."""
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
+_BETTER = 0.8
+"""A face elsewhere is preferred to one that is doubted, or of which little matches, if its misfit is below this share
+of that one's."""
 _TOLERANCE = 0.05
 """Reprojection error up to which a detected point is an inlier, as a share of the face's size."""
 
@@ -182,3 +189,70 @@ def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> tuple[int, 
     if not ok or inliers is None or t[2, 0] <= 0:
         return None
     return len(inliers), exp(r[:, 0]), t[:, 0]
+
+
+class Recovery:
+    """The search for the face elsewhere, if it is not where it was, or what was found there may be something else.
+
+    keyframes: the views that it is known by; strange_frames, doubted_frames: for how many frames little of what was
+    found has matched, and its identity has been doubted.
+    """
+
+    def __init__(
+        self, fit: FirstFrame, first: Pose, camera: Camera, solver: PoseSolver, prior: StatePrior, s: RealtimeSettings
+    ) -> None:
+        """first: pose of the first frame, as the learned appearance gives it."""
+        self.fit, self.R_first, self.camera = fit, first.R, camera
+        self.solver, self.prior, self.settings = solver, prior, s
+        self.keyframes = Keyframes(fit, camera)
+        self.strange_frames = self.doubted_frames = 0
+
+    def elsewhere(
+        self, frame: Frame, here: Solution, last: Pose, lost_frames: int, is_doubted: bool
+    ) -> tuple[View, Solution] | None:
+        """The face at another place, if at the one that was found little of it matches, or its identity is doubted: as
+        a head that has turned aside, or where the detector or the keyframes propose. None if it is nowhere else.
+
+        last: where it was seen last; lost_frames: how many frames ago that was."""
+        s, share = self.settings, here.inlier_share(self.settings.seen_distance)
+        lost, strange = share < s.least_share, share < s.recovered_share and self.solver.misfits(here)
+        most = math.inf if lost else _BETTER * here.misfit
+        self.strange_frames = self.strange_frames + 1 if strange else 0
+        if strange and self._is_due(self.strange_frames - 1):
+            found = list(self._faces_near(turned_aside(last, self.R_first), last, frame, most))
+            if found:
+                return min(found, key=lambda there: there[1].misfit)
+        if self._is_due(lost_frames) if lost else self._doubts(here, is_doubted):
+            proposals = (Pose(*placed, self.fit.animation) for placed in self._proposals(frame, last, lost_frames))
+            return next(self._faces_near(proposals, last, frame, most), None)
+        return None
+
+    def _is_due(self, frames: int) -> bool:
+        """Whether to search the image now that the face has been away for some frames."""
+        return frames < 3 or frames % self.settings.recovery_interval == 0
+
+    def _doubts(self, here: Solution, is_doubted: bool) -> bool:
+        """Whether to search for the face elsewhere: every so many frames while its identity is doubted."""
+        doubtful = is_doubted and self.solver.misfits(here)
+        self.doubted_frames = self.doubted_frames + 1 if doubtful else 0
+        return doubtful and self.doubted_frames % self.settings.doubt_interval == 0
+
+    def _proposals(self, frame: Frame, last: Pose, lost_frames: int) -> Iterator[tuple[Array, Array]]:
+        s = self.settings
+        thorough = lost_frames < s.recovery_patience or lost_frames % (3 * s.recovery_interval) == 0
+        yield from find_by_detector(frame, self.fit, self.camera, last.roll, thorough)
+        known = self.keyframes.find(frame, last.t) if thorough else None
+        if known is not None:
+            yield known
+
+    def _faces_near(
+        self, starts: Iterable[Pose], last: Pose, frame: Frame, most: float
+    ) -> Iterator[tuple[View, Solution]]:
+        """What is found near each of these poses that looks like the face of the first frame and fits better than a
+        misfit of `most`."""
+        s = self.settings
+        for start in starts:
+            coarse = self.solver.coarse(frame, self.prior.prediction(start, last), start)
+            view, solution = self.solver.refine(frame, self.prior.prediction(coarse, last))
+            if solution.inlier_share(s.seen_distance) >= s.recovered_share and solution.misfit < most:
+                yield view, solution

@@ -79,6 +79,10 @@ class PoseSolver:
         found = self.posterior(view, predicted).solve(start.arrays, s.iterations, s.tolerance)
         return Solution(Pose(*found.pose), found.energy, found.at, view.facing, self.person.expected.copy())
 
+    def misfits(self, found: Solution) -> bool:
+        """Whether a solution looks unlike the face."""
+        return found.misfit > self.settings.retry_distance
+
     def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) in one view, with its prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance

@@ -7,14 +7,13 @@ is the face, learn from it, and report. A face that is lost is searched for with
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from mien.appearance.crop import is_blank
 from mien.arrays import Array
-from mien.candide.model import MOVES_MOUTH, Candide, lid_closing, with_eyes_closed
+from mien.candide.model import Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
 from mien.errors import require, warn
 from mien.frame import Frame
@@ -23,16 +22,17 @@ from mien.graphics import Graphics
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_reported
 from mien.threads import one_blas_thread
-from mien.tracking.prior import JAW_DROP, state_sd
+from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
 from mien.tracking.realtime.definite import inverse_definite, solve_definite
 from mien.tracking.realtime.first_run import BackgroundCompilation
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
-from mien.tracking.realtime.person import JAW, TRUSTED, Person
+from mien.tracking.realtime.mouth import MouthSearch
+from mien.tracking.realtime.person import TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.recovery import Keyframes, find_by_detector, turned_aside
+from mien.tracking.realtime.recovery import Recovery
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
@@ -47,15 +47,10 @@ _LIDS = np.array(
     [[LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
 )
 """Rows (2, 2) of the landmarks on the upper and lower eyelids."""
-_JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
-"""Values of jaw_drop from which the solver starts again where the mouth does not fit."""
 _NEAREST = 1.0
 """Least distance of a face in CANDIDE units, about 11 cm: turned, a part of it would be behind a nearer camera."""
 _FACE_RADIUS = 1.3
 """Radius in CANDIDE units around the face beyond which the surroundings begin."""
-_BETTER = 0.8
-"""A face elsewhere is preferred to one that is doubted, or of which little matches, if its misfit is below this share
-of that one's."""
 
 
 class RealtimeTracker:
@@ -109,10 +104,11 @@ class RealtimeTracker:
         self.velocity = np.zeros(12)
         self.motion = Motion(self.face.patches, self.person.mouth, s)
         self.identity = Identity(1.0 - self.person.temples)
-        self.keyframes = Keyframes(self.fit, camera)
-        self.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
-        self.lost_frames = self.strange_frames = self.doubted_frames = self.strange_mouth_frames = 0
+        self.mouth = MouthSearch(self.person, self.solver, self.prior, s)
+        self.lost_frames = 0
         settled = self._refine_first_pose(frame)
+        self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s)
+        self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
         self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s, covered)
         self.landmark_offsets = self._landmark_offsets(landmarks)
@@ -122,7 +118,7 @@ class RealtimeTracker:
     def _refine_first_pose(self, frame: Frame) -> Solution:
         """Refine the pose that the landmarks gave by the learned appearance: later rotations are measured from it."""
         for _ in range(3):
-            view, solution = self.solver.refine(frame, self._prediction(self.pose))
+            view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
         self._remember(frame, view, solution)
@@ -153,7 +149,7 @@ class RealtimeTracker:
         s, frame = self.settings, frame.behind(self.graphics)
         view, solution = self._search(frame)
         status = Status.RECOVERED if self.lost_frames else Status.TRACKED
-        found = self._elsewhere(frame, solution)
+        found = self.recovery.elsewhere(frame, solution, self.pose, self.lost_frames, self.identity.is_doubted)
         if found is not None:
             (view, solution), status = found, Status.RECOVERED
             self.closing = self.person.closing(solution)
@@ -165,7 +161,7 @@ class RealtimeTracker:
         familiar = self._familiarity(solution)
         agreements = self._remember(frame, view, solution)
         if familiar > FAMILIAR:
-            if not self._misfits(solution):
+            if not self.solver.misfits(solution):
                 self._learn(frame, solution)
             self.person.follow_quality(solution)
         self.identity.update(familiar, agreements, lambda: self._surroundings(frame))
@@ -177,8 +173,9 @@ class RealtimeTracker:
         """Learn from a frame in which the face looks as it should."""
         if self.person.learn(solution, self.identity.patches.agreement):
             self.axes.learn(self.person.shape)
-        if self.keyframes.is_new(self.pose.R):
-            self.keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
+        keyframes = self.recovery.keyframes
+        if keyframes.is_new(self.pose.R):
+            keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
 
     def _familiarity(self, solution: Solution) -> float:
         """`familiarity` of a solution that is the present pose."""
@@ -197,43 +194,6 @@ class RealtimeTracker:
         outside = self.camera.in_image(self.person.in_camera(solution.pose), frame.width, frame.height).mean() < 0.5
         unlike = "the image is blank" if is_blank(view.image) else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
-
-    def _doubts(self, solution: Solution) -> bool:
-        """Whether to search for the face elsewhere: every so many frames while its identity is doubted."""
-        doubtful = self.identity.is_doubted and self._misfits(solution)
-        self.doubted_frames = self.doubted_frames + 1 if doubtful else 0
-        return doubtful and self.doubted_frames % self.settings.doubt_interval == 0
-
-    def _elsewhere(self, frame: Frame, here: Solution) -> tuple[View, Solution] | None:
-        """The face at another place, if at the one that was found little of it matches, or its identity is doubted: as
-        a head that has turned aside, or where the detector or the keyframes propose. None if it is nowhere else."""
-        s, share = self.settings, here.inlier_share(self.settings.seen_distance)
-        lost, strange = share < s.least_share, share < s.recovered_share and self._misfits(here)
-        most = math.inf if lost else _BETTER * here.misfit
-        self.strange_frames = self.strange_frames + 1 if strange else 0
-        if strange and self._is_due(self.strange_frames - 1):
-            found = list(self._faces_near(turned_aside(self.pose, self.axes.first.R), frame, most))
-            if found:
-                return min(found, key=lambda there: there[1].misfit)
-        search = self._is_due(self.lost_frames) if lost else self._doubts(here)
-        if search:
-            proposals = (Pose(*placed, self.fit.animation) for placed in self._proposals(frame))
-            return next(self._faces_near(proposals, frame, most), None)
-        return None
-
-    def _is_due(self, frames: int) -> bool:
-        """Whether to search the image now that the face has been away for some frames."""
-        return frames < 3 or frames % self.settings.recovery_interval == 0
-
-    def _faces_near(self, starts: Iterable[Pose], frame: Frame, most: float) -> Iterator[tuple[View, Solution]]:
-        """What is found near each of these poses that looks like the face of the first frame and fits better than a
-        misfit of `most`."""
-        s = self.settings
-        for start in starts:
-            coarse = self.solver.coarse(frame, self._prediction(start), start)
-            view, solution = self.solver.refine(frame, self._prediction(coarse))
-            if solution.inlier_share(s.seen_distance) >= s.recovered_share and solution.misfit < most:
-                yield view, solution
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker; None where the face is lost."""
@@ -262,22 +222,14 @@ class RealtimeTracker:
         its `model_rotation`; closed: how far the eyes were."""
         return np.asarray(self._reported_landmarks(Pose(R, t, animation), closed)[0][:, 2])
 
-    def _proposals(self, frame: Frame) -> Iterator[tuple[Array, Array]]:
-        s, lost = self.settings, self.lost_frames
-        thorough = lost < s.recovery_patience or lost % (3 * s.recovery_interval) == 0
-        yield from find_by_detector(frame, self.fit, self.camera, self.pose.roll, thorough)
-        known = self.keyframes.find(frame, self.pose.t) if thorough else None
-        if known is not None:
-            yield known
-
     def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; coarse to fine where the first one does not look like the face."""
         s = self.settings
-        predicted = self._prediction(self.pose.moved(s.velocity * self.velocity))
+        predicted = self.prior.prediction(self.pose.moved(s.velocity * self.velocity), self.pose)
         view = self.solver.view(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._predict_from_motion(view, predicted)
         view, best = self.solver.refine(frame, moved, view=view)
-        if self._misfits(best) and (moved is predicted or best.inlier_share(s.seen_distance) < s.retry_share):
+        if self.solver.misfits(best) and (moved is predicted or best.inlier_share(s.seen_distance) < s.retry_share):
             if moved is not predicted:
                 view, best = self.solver.refine(frame, predicted)
             for start in (predicted.pose, self.pose):
@@ -287,14 +239,10 @@ class RealtimeTracker:
             moved = predicted
         self.closing = self.person.closing(best, self.closing)
         blinking = self.closing is not None and self.closing.share > s.closing_share
-        if blinking and not self.lost_frames and not self._misfits(best):
+        if blinking and not self.lost_frames and not self.solver.misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
-        best = self._relax_mouth(view, self._open_mouth(view, best, moved))
+        best = self.mouth.relaxed(view, self.mouth.opened(view, best, moved), predicted)
         return view, best if self.lost_frames else self._damp(predicted.pose, best)
-
-    def _misfits(self, found: Solution) -> bool:
-        """Whether a solution looks unlike the face."""
-        return found.misfit > self.settings.retry_distance
 
     def _damp(self, predicted: Pose, found: Solution) -> Solution:
         """Where few landmarks are seen, fuse the solution with the prediction, each weighed by its information: that a
@@ -339,42 +287,6 @@ class RealtimeTracker:
         view = view.of_landmarks(~self.person.eyes)
         moved = self._predict_from_motion(view, predicted)
         return view, self.solver.solve(view, moved.pose, moved), moved
-
-    def _open_mouth(self, view: View, best: Solution, predicted: Prediction) -> Solution:
-        """A jaw can move further in a frame than its patches reach: where these do not fit, start from other
-        openings."""
-        s = self.settings
-        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_retry_distance * len(JAW):
-            return best
-        for jaw in _JAW_STARTS:
-            if abs(jaw - best.pose.animation[JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
-                animation = best.pose.animation.copy()
-                animation[JAW_DROP] = jaw
-                candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
-                best = min(best, candidate, key=lambda solution: solution.energy)
-        return best
-
-    def _relax_mouth(self, view: View, best: Solution) -> Solution:
-        """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and
-        with it the errors, until the mouth is too far away to be found."""
-        s, mouth = self.settings, view.facing & self.person.mouth
-        moved = np.abs(best.pose.animation - self.prior.rest)[MOVES_MOUTH].max()
-        usual = self.person.expected[mouth]
-        misfit = float((best.d2[mouth] / usual).mean()) if mouth.any() else 0.0
-        strange = moved > s.mouth_retry_moved and misfit > s.mouth_retry_distance
-        self.strange_mouth_frames = self.strange_mouth_frames + 1 if strange else 0
-        if self.strange_mouth_frames % s.mouth_retry_interval != 1:
-            return best
-        rest = np.where(MOVES_MOUTH, self.prior.rest, best.pose.animation)
-        predicted = self._prediction(replace(best.pose, animation=rest))
-        alone = self.solver.solve(view.of_landmarks(mouth), predicted.pose, predicted)
-        if (alone.d2[mouth] / usual).mean() > s.mouth_retry_share * misfit:
-            return best
-        return self.solver.solve(view, predicted.pose, predicted)
-
-    def _prediction(self, pose: Pose) -> Prediction:
-        """The prediction of a pose by the last one alone, without a measured motion."""
-        return Prediction(pose, self.prior.information, self.pose)
 
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The estimate of a frame: the present pose, its landmarks, covariance and confidence. familiar:
