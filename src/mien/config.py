@@ -111,9 +111,13 @@ class RealtimeSettings(Settings):
     quality_rate: float = Field(
         0.02, ge=0, description="growth of the expected distance per frame, by how much worse a face looks than usual"
     )
-    quality_turn_deg: float = Field(8.0, ge=0, description="turn below which it grows")
+    quality_turn_deg: float = Field(
+        8.0, ge=0, description="turn from the first frame below which expected distances may grow"
+    )
     retry_distance: float = Field(2.5, gt=0, description="relative distance above which a coarse search starts")
-    retry_share: float = Field(0.8, ge=0, le=1, description="fraction of matching landmarks that needs no search")
+    retry_share: float = Field(
+        0.8, ge=0, le=1, description="fraction of matching landmarks above which no coarse search is needed"
+    )
     seen_distance: float = Field(
         100.0, gt=0, description="largest squared distance of a landmark that matches the face"
     )
@@ -133,9 +137,11 @@ class RealtimeSettings(Settings):
         1.0, gt=0, description="relative distance of the mouth above which it is tried at rest"
     )
     mouth_retry_share: float = Field(
-        0.6, ge=0, description="fraction of that distance below which it is at rest; 0: never"
+        0.6,
+        ge=0,
+        description="fraction of its relative distance below which a mouth tried at rest stays there; 0: never",
     )
-    mouth_retry_interval: int = Field(5, ge=2, description="frames between such trials")
+    mouth_retry_interval: int = Field(5, ge=2, description="frames between trials of the mouth at rest")
     mouth_retry_moved: float = Field(0.1, gt=0, description="animation above which the mouth is tried at rest")
     velocity: float = Field(0.5, ge=0, le=1, description="fraction of the last motion that is extrapolated")
     prior_rotation_deg: float = Field(10.0, gt=0, description="standard deviation of the change per frame: degrees")
@@ -156,15 +162,21 @@ class RealtimeSettings(Settings):
     motion_grid: int = Field(
         7, ge=2, le=50, description="sampling points along each side of a patch whose motion is measured"
     )
-    motion_patch: float = Field(0.2, gt=0, description="half the side of such a patch, CANDIDE units")
+    motion_patch: float = Field(
+        0.2, gt=0, description="half the side of a patch whose motion is measured, CANDIDE units"
+    )
     motion_corner: float = Field(
         0.08, gt=0, description="half the side of the patches at the mouth corners, close to skin that does not move"
     )
     motion_iterations: int = Field(8, ge=1, description="maximum number of iterations of the alignment")
     motion_tolerance: float = Field(3.0, gt=0, description="energy decrease below which the alignment stops")
-    motion_robust_factor: float = Field(1.2, gt=0, description="relative residual at which the weight is a quarter")
+    motion_robust_factor: float = Field(
+        1.2, gt=0, description="relative residual at which the weight of a patch is a quarter"
+    )
     motion_mouth_share: float = Field(
-        0.4, gt=0, description="the same in patches of the mouth, as a fraction of their contrast"
+        0.4,
+        gt=0,
+        description="residual of a mouth's patch, as a fraction of its contrast, at which its weight is a quarter",
     )
     motion_noise: float = Field(
         100.0, gt=0, description="variance of the motion, relative to that of independent pixels"
@@ -183,13 +195,23 @@ class RealtimeSettings(Settings):
     hold_animation: float = Field(0.2, gt=0, description="standard deviation of facial motion: animation units")
     rest_animation: float = Field(0.7, gt=0, description="standard deviation of the animation about the first frame's")
     rest_mouth: float = Field(4.0, gt=0, description="standard deviation of the mouth's units about the first frame's")
-    rest_firmness: float = Field(22.0, ge=0, description="relative increase of that inverse variance at rest")
-    rest_mouth_firmness: float = Field(480.0, ge=0, description="the same for the mouth's units")
-    rest_jaw_firmness: float = Field(360.0, ge=0, description="the same for jaw_drop, which moves readily")
-    rest_within: float = Field(0.035, gt=0, description="animation at which half of that increase remains")
-    rest_turn_deg: float = Field(10.0, gt=0, description="rotation of the head at which these variances are halved")
+    rest_firmness: float = Field(
+        22.0, ge=0, description="relative increase, at rest, of the inverse variance of the brows' units"
+    )
+    rest_mouth_firmness: float = Field(
+        480.0, ge=0, description="relative increase, at rest, of the inverse variance of the mouth's units"
+    )
+    rest_jaw_firmness: float = Field(
+        360.0, ge=0, description="relative increase, at rest, of the inverse variance of jaw_drop, which moves readily"
+    )
+    rest_within: float = Field(0.035, gt=0, description="animation at which half of the increase at rest remains")
+    rest_turn_deg: float = Field(
+        10.0, gt=0, description="rotation of the head at which variances about rest are halved"
+    )
     hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
-    hidden_depth: float = Field(0.2, gt=0, description="depth behind the face's own surface above which it is hidden")
+    hidden_depth: float = Field(
+        0.2, gt=0, description="depth behind the face's own surface above which a landmark is hidden"
+    )
     covered_share: float = Field(
         0.3, gt=0, description="share of graphics in a landmark's surroundings above which it is hidden"
     )
@@ -212,8 +234,14 @@ class RealtimeSettings(Settings):
         0.45, ge=0, le=10, description="fraction of the shape's lean that the axes follow, in pan"
     )
     location_sd: float = Field(0.05, gt=0, description="smallest systematic error of a landmark, pixels of the crop")
-    temple_sd: float = Field(2.0, gt=0, description="the same at the temples, where light and hair change")
-    location_rate: float = Field(0.02, ge=0, lt=1, description="per-frame rate of that error's moving average")
+    temple_sd: float = Field(
+        2.0,
+        gt=0,
+        description="smallest systematic error of a temple, pixels of the crop, as light and hair change there",
+    )
+    location_rate: float = Field(
+        0.02, ge=0, lt=1, description="per-frame rate of the moving average of a landmark's systematic error"
+    )
     unit_error: float = Field(0.1, ge=0, description="error of an animation unit, as a fraction of its effect")
     appearance_angle_sd_deg: float = Field(27.0, gt=0, description="systematic error of a patch's apparent angles")
     shape_rate: float = Field(0.8, ge=0, description="fraction of a frame's information that is independent")
@@ -222,18 +250,24 @@ class RealtimeSettings(Settings):
     shape_bin_deg: float = Field(4.0, gt=0, description="size of a pose bin, within which errors repeat")
     forgetting: float = Field(0.1, ge=0, lt=1, description="alpha of Eq. (7), for eyes of unexpected appearance")
     strange_distance: float = Field(
-        4.0, ge=0, description="relative distance above which their appearance is unexpected"
+        4.0, ge=0, description="relative distance above which the appearance of eyes is unexpected"
     )
-    spectacles_distance: float = Field(2.5, ge=0, description="the same once glasses are detected")
+    spectacles_distance: float = Field(
+        2.5, ge=0, description="relative distance above which the appearance of eyes behind glasses is unexpected"
+    )
     spectacles_rate: float = Field(
         0.15, ge=0, lt=1, description="per-frame rate of the glasses detector's moving average"
     )
     adaptation_turn_deg: float = Field(5.0, gt=0, description="rotation at which half of `forgetting` applies")
     view_rate: float = Field(0.3, ge=0, lt=1, description="alpha of Eq. (7), for a rotated face")
     view_strange_distance: float = Field(
-        2.5, ge=0, description="relative distance above which its appearance is learned"
+        2.5, ge=0, description="relative distance above which a rotated face's appearance is learned"
     )
-    view_turn_deg: float = Field(12.0, gt=0, description="rotation below which it is not learned")
+    view_turn_deg: float = Field(
+        12.0,
+        gt=0,
+        description="rotation from the first frame below which a face's appearance is not learned as that of a rotated one",
+    )
 
     @field_validator("turned_limit_pan_deg")
     @classmethod
