@@ -193,7 +193,9 @@ class RealtimeSettings(Settings):
     hold_rotation_deg: float = Field(4.0, gt=0, description="standard deviation of head motion per frame: degrees")
     hold_translation: float = Field(0.1, gt=0, description="standard deviation of head motion: CANDIDE units")
     hold_animation: float = Field(0.2, gt=0, description="standard deviation of facial motion: animation units")
-    rest_animation: float = Field(0.7, gt=0, description="standard deviation of the animation about the first frame's")
+    rest_animation: float = Field(
+        0.7, gt=0, description="standard deviation of the brows' units about the first frame's"
+    )
     rest_mouth: float = Field(4.0, gt=0, description="standard deviation of the mouth's units about the first frame's")
     rest_firmness: float = Field(
         22.0, ge=0, description="relative increase, at rest, of the inverse variance of the brows' units"
@@ -266,7 +268,7 @@ class RealtimeSettings(Settings):
     view_turn_deg: float = Field(
         12.0,
         gt=0,
-        description="rotation from the first frame below which a face's appearance is not learned as that of a rotated one",
+        description="rotation from the first frame from which on the appearance of a face is learned",
     )
 
     @field_validator("turned_limit_pan_deg")
