@@ -30,6 +30,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, matrix_from_euler
 from mien.initialization.detector import detect
+from mien.initialization.straight import straightened
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Tracker
 from mien.video import open_video
@@ -88,7 +89,8 @@ def compared(sequence: Sequence, setting: Setting) -> Array:
         seen = [turned(frame, camera, now, setting.border) for frame, now in zip(frames, R, strict=True)]
         assert truth.rotations is not None
         moved = replace(truth, rotations=R @ truth.rotations, angles_deg=None, landmarks=None)
-        run = Run(replace(sequence, camera=camera), seen, moved, detect(seen[0])[0])
+        marks = straightened(seen[0], detect(seen[0])[0], camera)
+        run = Run(replace(sequence, camera=camera), seen, moved, marks)
         found = [rotations(TRACKERS[name](), run) for name in setting.trackers]
         middle = middle or [made for made, _ in found]
         back = np.swapaxes(R, 1, 2)

@@ -89,10 +89,12 @@ def _find_landmarks(job: Job, sequence: Sequence) -> None:
 
 def _detect(sequence: Sequence) -> Landmarks:
     from mien.initialization.detector import detect
+    from mien.initialization.straight import straightened
 
-    faces = detect(next(iter(open_video(sequence.video))))
+    frame = next(iter(open_video(sequence.video)))
+    faces = detect(frame)
     require(bool(faces), f"{sequence.video}: no face was found in the first frame; give --landmarks truth")
-    return faces[0]
+    return straightened(frame, faces[0], sequence.camera_for(frame.width, frame.height))
 
 
 def _track(job: Job, sequence: Sequence) -> None:

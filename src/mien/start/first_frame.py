@@ -16,6 +16,7 @@ from mien.geometry.camera import Camera
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point, is_same_place, place_of
+from mien.initialization.straight import straightened
 from mien.start.footage import Footage
 from mien.start.search import BACK_SECONDS, Patience, best_look, find_face
 from mien.tracking.state import Estimate
@@ -151,10 +152,13 @@ def _begin_with_a_face(opening: _Opening, report: Callable[[Estimate], None], sh
 
     first, landmarks = find_face(opening.frames, footage.video.name, without_face, patience, opening.face)
     if opening.at_once or not footage.repeatable:
-        return opening.start(first, landmarks, passed, reported=first.index)
+        return opening.start(first, straightened(first, landmarks, camera), passed, reported=first.index)
     best, sightings, graphics = best_look(first, landmarks, camera, footage)
-    begin = opening.start(first, replace(landmarks, graphics=graphics), passed, reported=first.index)
-    return begin if best is first else begin.moved_to(best, sightings)
+    straight = straightened(first, replace(landmarks, graphics=graphics), camera)
+    begin = opening.start(first, straight, passed, reported=first.index)
+    if best is first:
+        return begin
+    return begin.moved_to(best, [*sightings[:-1], straightened(best, sightings[-1], camera)])
 
 
 def _begin_with_landmarks(
