@@ -1,4 +1,4 @@
-"""`mien evaluate` and `mien report` through the real command."""
+"""`mien evaluate` and `mien report` as commands, in this process and once in one of their own."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from evaluation import tiny
+from mien.cli import app
 from mien.evaluation.commands import _tracker_names
 
 
-def _mien(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", "from mien.cli import main; main()", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+def _mien(*arguments: object) -> tuple[int, str]:
+    """Exit status and output of the command."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return result.exit_code, result.output
 
 
 @pytest.fixture(autouse=True)
@@ -34,17 +32,24 @@ def test_one_command_gives_a_report_and_report_gives_the_others(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     data = tiny.rendered(tmp_path / "data", ("a_uniform1", "b, c_wide1"))
-    run = _mien(
-        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
-        "--timed", 0, "--jobs", 2, "--sequences", "b, c_wide1", "-o", tmp_path / "out",
-    )  # fmt: skip
+    arguments = [
+        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still",
+        "--landmarks", "truth", "--timed", 0, "--jobs", 2, "--sequences", "b, c_wide1", "-o", tmp_path / "out",
+    ]  # fmt: skip
+    run = subprocess.run(
+        [sys.executable, "-c", "from mien.cli import main; main()", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     assert run.returncode == 0, run.stderr
     assert "report.html" in run.stdout
     assert "protocol: rebased" in run.stdout
     assert "…" not in run.stdout, "a name is cut, and others may begin alike"
     for form, ending in (("latex", "tex"), ("csv", "csv"), ("markdown", "md")):
-        made = _mien("report", tmp_path / "out", "--format", form, "--protocol", "sensor")
-        assert made.returncode == 0, made.stderr
+        status, printed = _mien("report", tmp_path / "out", "--format", form, "--protocol", "sensor")
+        assert status == 0, printed
         assert "sensor" in (tmp_path / "out" / f"report.{ending}").read_text(encoding="utf-8")
 
 
@@ -77,20 +82,20 @@ def test_bad_input_is_one_sentence_and_status_2(tmp_path: Path) -> None:
         (("evaluate", "rendered", data, "-o", out, *tracker, "--protocol", "best"), "paper, rebased, sensor"),
         (("report", tmp_path), "contains no results"),
     ):
-        run = _mien(*arguments)
-        assert run.returncode == 2, (arguments, run.stdout, run.stderr)
-        assert sentence in run.stderr
-        assert "Traceback" not in run.stderr
+        status, printed = _mien(*arguments)
+        assert status == 2, (arguments, printed)
+        assert sentence in printed
+        assert len(printed.splitlines()) == 1
 
 
 def test_where_nothing_could_be_done_the_reason_is_given(tmp_path: Path) -> None:
     data = tiny.rendered(tmp_path / "data")
     np.savez(data / "a_uniform1_truth.npz", R=np.full((6, 3, 3), np.nan))
-    run = _mien(
+    status, printed = _mien(
         "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
         "--quiet", "-o", tmp_path / "out",
     )  # fmt: skip
-    assert run.returncode == 2
-    assert "no tracker gave a result" in run.stderr
-    assert "not a finite number" in run.stderr
+    assert status == 2
+    assert "no tracker gave a result" in printed
+    assert "not a finite number" in printed
     assert (tmp_path / "out" / "report.html").is_file()
