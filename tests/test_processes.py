@@ -97,13 +97,19 @@ try:
 except KeyboardInterrupt:
     print("stopped")
 """
+SLOW_TO_IMPORT = """
+import pathlib, time
+pathlib.Path({!r}).touch()
+while not pathlib.Path({!r}).exists():
+    time.sleep(0.01)
+def run(): pass
+"""
 
 
 @pytest.mark.skipif(not can_fork(), reason="needs a server of forked processes")
 def test_an_interruption_while_the_first_process_starts_is_no_traceback(tmp_path: Path) -> None:
-    begun = tmp_path / "begun"
-    slow = f"import pathlib, time\npathlib.Path({str(begun)!r}).touch()\ntime.sleep(1)\ndef run(): time.sleep(60)\n"
-    (tmp_path / "slow_to_import.py").write_text(slow)
+    begun, told = tmp_path / "begun", tmp_path / "told"
+    (tmp_path / "slow_to_import.py").write_text(SLOW_TO_IMPORT.format(str(begun), str(told)))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
     program = subprocess.Popen(
         [sys.executable, "-c", STARTING], env=environment, start_new_session=True, text=True,
@@ -112,4 +118,5 @@ def test_an_interruption_while_the_first_process_starts_is_no_traceback(tmp_path
     while not begun.exists():
         time.sleep(0.01)
     os.killpg(program.pid, signal.SIGINT)
+    told.touch()
     assert program.communicate(timeout=60) == ("stopped\n", "")
