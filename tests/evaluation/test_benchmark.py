@@ -77,6 +77,17 @@ def test_failures_are_rows_and_stop_nothing(tmp_path: Path) -> None:
     assert [bool(s.failure) for s in scores.scores] == [True, True, True, False, True]
 
 
+def test_what_is_warned_of_is_kept_with_the_result(tmp_path: Path) -> None:
+    """Once, however often it is said."""
+    plan = _plan(tmp_path, STILL, "evaluation.tiny:Warns", names=("a_uniform1", "b_wide1"))
+    run_plan(plan, jobs=2)
+    (poor,) = load_scores(plan.out).warnings.items()
+    assert poor[0] == "the light is poor"
+    assert [(r.tracker, r.sequence) for r in poor[1]] == [
+        (plan.trackers[1], name) for name in ("a_uniform1", "b_wide1")
+    ]
+
+
 def test_a_damaged_sequence_is_a_row(tmp_path: Path) -> None:
     plan = _plan(tmp_path, STILL, names=("a_uniform1", "b_wide1", "c_light1"))
     (plan.root / "b_wide1.avi").write_bytes(b"no video at all")

@@ -33,7 +33,7 @@ def test_one_command_gives_a_report_and_report_gives_the_others(
     monkeypatch.setenv("COLUMNS", "40")
     data = tiny.rendered(tmp_path / "data", ("a_uniform1", "b, c_wide1"))
     arguments = [
-        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still",
+        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Warns",
         "--landmarks", "truth", "--timed", 0, "--jobs", 2, "--sequences", "b, c_wide1", "-o", tmp_path / "out",
     ]  # fmt: skip
     run = subprocess.run(
@@ -44,13 +44,17 @@ def test_one_command_gives_a_report_and_report_gives_the_others(
         check=False,
     )
     assert run.returncode == 0, run.stderr
+    assert run.stderr == "mien: b, c_wide1: the light is poor\n"
     assert "report.html" in run.stdout
     assert "protocol: rebased" in run.stdout
     assert "…" not in run.stdout, "a name is cut, and others may begin alike"
+    assert "mien: b, c_wide1: the light is poor\n" in _mien(*arguments)[1], "it also holds of results that are kept"
     for form, ending in (("latex", "tex"), ("csv", "csv"), ("markdown", "md")):
         status, printed = _mien("report", tmp_path / "out", "--format", form, "--protocol", "sensor")
         assert status == 0, printed
-        assert "sensor" in (tmp_path / "out" / f"report.{ending}").read_text(encoding="utf-8")
+        text = (tmp_path / "out" / f"report.{ending}").read_text(encoding="utf-8")
+        assert "sensor" in text
+        assert "the light is poor" in text
 
 
 def test_trackers_are_named_with_commas_between(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,6 +115,23 @@ def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
     ]
 
 
+def test_what_was_warned_of_comes_first_and_once(out: Path) -> None:
+    scores = load_scores(out)
+    assert all(t.name != "warnings" for t in tables.all_tables(scores))
+    told = tuple(
+        replace(s, result=replace(s.result, warnings=("of all", s.result.sequence))) for s in scores.scores[:4]
+    )
+    first, *_ = tables.all_tables(replace(scores, scores=told))
+    assert (first.name, first.rows) == (
+        "warnings",
+        (
+            ("good, shifted", "a_uniform1, b_wide1", "of all"),
+            ("good, shifted", "a_uniform1", "a_uniform1"),
+            ("good, shifted", "b_wide1", "b_wide1"),
+        ),
+    )
+
+
 def test_calibration(out: Path) -> None:
     """Three degrees are right to five, in every frame, at a confidence of 0.75; at a deviation of one they are outside
     of every interval, and the other two angles are right."""

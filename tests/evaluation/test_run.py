@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,10 +42,11 @@ def _perfect() -> Known:
 def test_a_result_is_read_as_it_was_written(sequence: Sequence, tmp_path: Path) -> None:
     tracker = _perfect()
     tracker.rotations[3] = np.nan
-    result = run_sequence(tracker, sequence, FIRST, "known", "rendered", {"a": 1})
+    result = replace(run_sequence(tracker, sequence, FIRST, "known", "rendered", {"a": 1}), warnings=("poor light",))
     result.save(tmp_path / "deep" / "r.npz")
     again = SequenceResult.load(tmp_path / "deep" / "r.npz")
     assert again.settings == {"a": 1}
+    assert again.warnings == ("poor light",)
     assert again.track is not None
     assert again.truth is not None
     assert result.track is not None
@@ -65,6 +67,16 @@ def test_a_failure_is_read_as_it_was_written(tmp_path: Path) -> None:
     (tmp_path / "r.npz").write_bytes(b"PK no")
     with pytest.raises(MienError, match="not a result"):
         SequenceResult.load(tmp_path / "r.npz")
+
+
+def test_a_result_from_before_warnings_were_kept_is_read(tmp_path: Path) -> None:
+    result, file = SequenceResult("t", "buft", "jam1", "uniform-light", failure="it rained"), tmp_path / "r.npz"
+    result.save(file)
+    with np.load(file) as values:
+        meta = json.loads(str(values["meta"]))
+    del meta["warnings"]
+    np.savez(file, meta=json.dumps(meta))
+    assert SequenceResult.load(file) == result
 
 
 def test_images_that_cannot_be_read_are_not_passed_over(tmp_path: Path) -> None:

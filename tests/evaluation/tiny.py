@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from mien.arrays import Array
+from mien.errors import warn
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.points12 import POINT_NAMES
 from mien.frame import Frame
@@ -155,6 +156,14 @@ class Known(Still):
     def track(self, frame: Frame) -> Estimate:
         R = self.rotations[frame.index]
         return estimate(frame, R) if np.isfinite(R).all() else Estimate.lost(frame, "behind a hand")
+
+
+class Warns(Still):
+    """Is not sure of what it says."""
+
+    def track(self, frame: Frame) -> Estimate:
+        warn("the light is poor")
+        return estimate(frame)
 
 
 class Raises(Still):

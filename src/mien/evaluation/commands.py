@@ -11,7 +11,7 @@ from mien.evaluation.plan import Plan, is_tracker, split_names
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.evaluation.report import write_report
 from mien.evaluation.scores import Scores, load_scores
-from mien.evaluation.tables import by_kind, failures, landmarks
+from mien.evaluation.tables import by_kind, failures, landmarks, listed
 from mien.processes import progress_bar
 from mien.registry import TRACKERS
 
@@ -49,6 +49,8 @@ def evaluate(
         raise
     scores = load_scores(out)
     written = write_report(scores, out, "html")
+    for warning, concerned in scores.warnings.items():
+        warn(f"{listed(result.sequence for result in concerned)}: {warning}")
     if not quiet:
         _print_summary(scores)
         print(f"wrote {written}")

@@ -10,12 +10,13 @@ import json
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
-from mien.errors import MienError, require
+from mien.errors import MienError, MienWarning, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
 from mien.evaluation.run import count_frames, run_sequence, time_sequence
@@ -98,9 +99,14 @@ def _detect(sequence: Sequence) -> Landmarks:
 
 
 def _track(job: Job, sequence: Sequence) -> None:
-    landmarks = read_landmarks(job.landmarks)
-    tracker = create_tracker(job.tracker)
-    run_sequence(tracker, sequence, landmarks, job.label, job.dataset, job.settings).save(Path(job.out))
+    """Write the result of a tracker, with what is warned of, as nobody reads what this process prints."""
+    with catch_warnings(record=True) as told:
+        simplefilter("always", MienWarning)
+        landmarks = read_landmarks(job.landmarks)
+        tracker = create_tracker(job.tracker)
+        result = run_sequence(tracker, sequence, landmarks, job.label, job.dataset, job.settings)
+    texts = [str(one.message) for one in told if issubclass(one.category, MienWarning)]
+    replace(result, warnings=tuple(dict.fromkeys(texts))).save(Path(job.out))
 
 
 def _time(job: Job, sequence: Sequence) -> None:

@@ -77,8 +77,8 @@ class SequenceResult:
     """One tracker on one sequence: its track and the truth, or the reason for a failure.
 
     settings: those of the run, by which a later run decides whether the result is still valid; tracker_settings: those
-    of the tracker; pictures: JPEG images of the frames with the largest errors, by frame; meshes: (V, 2) pixels of the
-    vertices of CANDIDE in these frames, if the tracker has them.
+    of the tracker; warnings: what the run warned of; pictures: JPEG images of the frames with the largest errors, by
+    frame; meshes: (V, 2) pixels of the vertices of CANDIDE in these frames, if the tracker has them.
     """
 
     tracker: str
@@ -88,6 +88,7 @@ class SequenceResult:
     settings: Mapping[str, Any] = field(default_factory=dict)
     tracker_settings: Mapping[str, Any] = field(default_factory=dict)
     failure: str = ""
+    warnings: tuple[str, ...] = ()
     track: TrackTable | None = None
     truth: Truth | None = None
     pictures: Mapping[int, Pixels] = field(default_factory=dict)
@@ -95,7 +96,7 @@ class SequenceResult:
 
     def save(self, path: Path) -> None:
         """Write the result, atomically."""
-        meta = {k: getattr(self, k) for k in ("tracker", "dataset", "sequence", "kind", "failure")}
+        meta = {k: getattr(self, k) for k in ("tracker", "dataset", "sequence", "kind", "failure", "warnings")}
         meta |= {"settings": dict(self.settings), "tracker_settings": dict(self.tracker_settings)}
         arrays: dict[str, Any] = {"meta": json.dumps(meta)}
         arrays |= _arrays_of("track", self.track) | _arrays_of("truth", self.truth)
@@ -113,7 +114,7 @@ class SequenceResult:
                 values = {name: file[name] for name in file.files}
             meta = json.loads(str(values["meta"]))
             return cls(
-                **meta,
+                **{**meta, "warnings": tuple(meta.get("warnings", ()))},
                 track=_from_arrays(TrackTable, "track", values),
                 truth=_from_arrays(Truth, "truth", values),
                 pictures=_by_frame("picture", values),

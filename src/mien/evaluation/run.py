@@ -176,7 +176,8 @@ def _warn_of_signs(track: TrackTable, truth: Truth, sequence: Sequence) -> None:
     since = (R[both][0].T @ R[both] for R in (track.rotation, truth.rotations))
     for name, found, true in zip(("pitch", "yaw", "roll"), *(angles_deg(R, "XYZ").T for R in since), strict=True):
         if min(found.std(), true.std()) > _LEAST_TURN_DEG and np.corrcoef(found, true)[0, 1] < _AGAINST:
-            warn(f"{sequence.name}: {name} runs against that of the truth; check the sign of it in the truth")
+            file = sequence.truth_files[0]
+            warn(f"{file}: {name} runs against that of the track; check the sign of it in the truth")
 
 
 def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:

@@ -177,6 +177,15 @@ class Scores:
     def kinds(self) -> tuple[str, ...]:
         return self.evaluation.kinds
 
+    @property
+    def warnings(self) -> dict[str, list[SequenceResult]]:
+        """What was warned of while the trackers ran, each with the results that it concerns."""
+        out: dict[str, list[SequenceResult]] = {}
+        for result in (s.result for s in self.scores):
+            for warning in result.warnings:
+                out.setdefault(warning, []).append(result)
+        return out
+
     def for_tracker(self, tracker: str, kind: str | None = None) -> tuple[Score, ...]:
         """The scores of a tracker that have metrics, for one kind of sequence or all."""
         return tuple(

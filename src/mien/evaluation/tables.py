@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +47,7 @@ class Table:
 def all_tables(scores: Scores) -> tuple[Table, ...]:
     """All tables for which there are results, in the order of a report."""
     tables = [
+        warnings(scores),
         published_and_measured(scores),
         by_kind(scores),
         angles_by_kind(scores),
@@ -60,6 +61,21 @@ def all_tables(scores: Scores) -> tuple[Table, ...]:
         failures(scores),
     ]
     return tuple(replace(t, protocol=scores.protocol.value) for t in tables if t is not None and t.rows)
+
+
+def warnings(scores: Scores) -> Table:
+    """What was warned of while the trackers ran."""
+    rows = [
+        (listed(r.tracker for r in concerned), listed(r.sequence for r in concerned), warning)
+        for warning, concerned in scores.warnings.items()
+    ]
+    return Table(
+        "warnings",
+        "Warnings",
+        "The numbers below include these sequences.",
+        ("trackers", "sequences", "warning"),
+        tuple(rows),
+    )
 
 
 def published_and_measured(scores: Scores) -> Table | None:
@@ -270,6 +286,11 @@ def failures(scores: Scores) -> Table:
         ("tracker", "sequence", "kind", "reason"),
         tuple(rows),
     )
+
+
+def listed(names: Iterable[str]) -> str:
+    """The names, each once, with commas between."""
+    return ", ".join(dict.fromkeys(names))
 
 
 def _sequences(chosen: Sequence[Score]) -> str:
