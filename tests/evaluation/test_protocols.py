@@ -176,10 +176,10 @@ def test_covariance_of_the_angles_is_that_of_the_rotation_vector_seen_through_th
 
 
 def test_at_the_first_frame_the_deviations_of_the_angles_are_those_about_the_axes() -> None:
-    C = np.diag(np.radians([1.0, 2.0, 3.0]) ** 2)[None]
+    C = np.diag(np.radians([1.0, 2.0, 3.0]) ** 2)
     for protocol in PROTOCOLS:
-        c = compare(protocol, truth(np.zeros((1, 3))), FACING[None], C)
-        np.testing.assert_allclose(c.sd_deg, [[1, 2, 3]], rtol=1e-6)
+        c = compare(protocol, truth(), truth().rotations, np.stack([C] * 6))
+        np.testing.assert_allclose(c.sd_deg[0], [1, 2, 3], rtol=1e-6)
 
 
 def test_angles_wrap() -> None:
@@ -195,5 +195,7 @@ def test_bad_input() -> None:
         compare(Protocol.REBASED, Truth(6), lost)
     with pytest.raises(MienError, match="5 frames and the truth 6"):
         compare(Protocol.REBASED, truth(), lost[:5])
+    with pytest.raises(MienError, match="a pose for one frame only, whose error is zero by definition"):
+        compare(Protocol.REBASED, truth(np.array([[np.nan] * 3, [0, 5, 0]])), truth().rotations[:2])
     with pytest.raises(MienError, match="paper, rebased, sensor"):
         protocol_named("best")

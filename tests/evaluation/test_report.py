@@ -92,11 +92,27 @@ def test_published_means(row: tuple[str, ...]) -> None:
 def test_errors_by_kind(out: Path) -> None:
     good, shifted = _rows(tables.by_kind(load_scores(out)))
     # 3 degrees of pan in five of six frames: 2.5, a third of it in the mean of the angles
-    assert good == {"tracker": "good", "uniform": "0.83", "wide": "0.83", "sequences": "2 of 2"}
+    assert good == {
+        "tracker": "good",
+        "uniform": "0.83",
+        "wide": "0.83",
+        "lost frames": "0 of 12",
+        "sequences": "2 of 2",
+    }
     assert shifted["wide"] == "0.00"
     row = _rows(tables.angles_by_kind(load_scores(out)))[0]
     assert (row["tilt (°)"], row["pan (°)"], row["roll (°)"]) == ("0.00", "2.50", "0.00")
     assert row["lost frames"] == "0 of 6"
+
+
+def test_lost_frames_stand_beside_the_errors(tmp_path: Path) -> None:
+    """A head that hardly moves is followed best by a tracker that soon loses it."""
+    (sequence,) = load_dataset("rendered", tiny.rendered(tmp_path / "data"))
+    soon = np.array([FACING] + [np.full((3, 3), np.nan)] * (FRAMES - 1))
+    _write(tmp_path, run_sequence(Known(soon), sequence, FIRST, "soon lost", "rendered"))
+    Evaluation("rendered", "rebased", "truth", 2.0, ("soon lost",), ("a_uniform1",), ("uniform",), "").save(tmp_path)
+    (row,) = _rows(tables.by_kind(load_scores(tmp_path)))
+    assert (row["uniform"], row["lost frames"]) == ("0.00", "5 of 6")
 
 
 def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:

@@ -129,13 +129,18 @@ def compare(protocol: Protocol, truth: Truth, rotations: Array, covariance: Arra
     """Compare a track with its truth, in the angles of a protocol.
 
     rotations: (n, 3, 3) head -> camera, NaN where lost; covariance: (n, 3, 3) of the rotation vector in camera axes
-    (radians squared). Raises MienError if truth or track have no pose, or the track has none in the first frame.
+    (radians squared). Raises MienError if the truth has fewer than two poses, or the track none in the first frame.
     """
     require(truth.has_pose, "the sequence has no true pose; only its landmarks can be compared")
     require(len(rotations) == truth.frames, f"the track has {len(rotations)} frames and the truth {truth.frames}")
     true_R = truth_rotations(protocol, truth)
     known = np.isfinite(true_R).all(axis=(1, 2))
     require(bool(known.any()), "the truth gives no pose for any frame")
+    require(
+        int(known.sum()) > 1,
+        "the truth gives a pose for one frame only, whose error is zero by definition, as all rotations are compared "
+        "since then; it needs those of more frames",
+    )
     lost = ~np.isfinite(rotations).all(axis=(1, 2))
     held = hold(rotations)
     first = int(np.argmax(known))

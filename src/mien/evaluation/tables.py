@@ -104,17 +104,17 @@ def published_and_measured(scores: Scores) -> Table | None:
 
 
 def by_kind(scores: Scores) -> Table:
-    """Mean of the three mean absolute errors, for each kind of sequence."""
-    rows = [
-        (t, *(_number(float(pooled_errors(scores.with_pose(t, k)).mean())) for k in scores.kinds), _done(scores, t))
-        for t in scores.trackers
-        if scores.with_pose(t)
-    ]
+    """Mean of the three mean absolute errors, for each kind of sequence, and the lost frames of all."""
+    rows = []
+    for t in scores.trackers:
+        if chosen := scores.with_pose(t):
+            errors = (_number(float(pooled_errors(scores.with_pose(t, k)).mean())) for k in scores.kinds)
+            rows.append((t, *errors, _lost(chosen), _done(scores, t)))
     return Table(
         "kinds",
         "Rotation error by kind of sequence",
         "Mean of the mean absolute errors of tilt, pan and roll, degrees.",
-        ("tracker", *scores.kinds, "sequences"),
+        ("tracker", *scores.kinds, "lost frames", "sequences"),
         tuple(rows),
     )
 
@@ -124,11 +124,10 @@ def angles_by_kind(scores: Scores) -> Table:
     rows = []
     for tracker, kind, chosen in _by_kind(scores, lambda s: s.has_pose):
         tilt, pan, roll = pooled_errors(chosen)
-        lost, frames = sum(s.lost for s in chosen), sum(s.frames for s in chosen)
         p_s = success_rate(chosen, scores.evaluation.lost_deg)
         aligned = float(aligned_errors(chosen).mean()) if scores.protocol.in_head_axes else math.nan
         cells = [_number(v) for v in (tilt, pan, roll, (tilt + pan + roll) / 3, aligned)]
-        rows.append((tracker, kind, str(len(chosen)), f"{lost} of {frames}", _percent(p_s), *cells))
+        rows.append((tracker, kind, str(len(chosen)), _lost(chosen), _percent(p_s), *cells))
     angles = ("tilt (°)", "pan (°)", "roll (°)", "mean (°)", "axes aligned (°)")
     return Table(
         "angles",
@@ -341,6 +340,10 @@ def _by_kind(scores: Scores, wanted: Callable[[Score], bool]) -> Iterator[tuple[
             chosen = [s for s in scores.for_tracker(tracker, kind) if wanted(s)]
             if chosen:
                 yield tracker, kind, chosen
+
+
+def _lost(chosen: Sequence[Score]) -> str:
+    return f"{sum(s.lost for s in chosen)} of {sum(s.frames for s in chosen)}"
 
 
 def _done(scores: Scores, tracker: str) -> str:
