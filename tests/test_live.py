@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -123,6 +124,9 @@ def test_a_face_that_cannot_be_learned_does_not_end_the_stream(folder: Path, mon
     monkeypatch.setattr(live, "create_tracker", lambda name: next(learned))
     with pytest.raises(MienError, match="returned NoneType"):  # a fault of the tracker, not of the face
         list(mien.stream(folder, anew_after=0.2))
+    learned = iter([Nearsighted(), SimpleNamespace(initialize=lambda *_: sys.exit(), track=lambda _: None)])
+    with pytest.raises(MienError, match=r"called sys\.exit\(None\)"):
+        list(mien.stream(folder, anew_after=0.2))
     monkeypatch.setattr(live, "create_tracker", lambda name: Nearsighted())
     monkeypatch.setattr(Nearsighted, "sees", ())
     with pytest.raises(MienError, match="too near"):
@@ -162,6 +166,13 @@ def test_a_tracker_that_returns_no_estimate_is_named(
 ) -> None:
     monkeypatch.setattr(Told, method, lambda *_: None)
     with pytest.raises(MienError, match=":Told returned NoneType for frame"):
+        list(mien.stream(folder))
+
+
+@pytest.mark.parametrize("method", ["initialize", "track"])
+def test_a_tracker_does_not_end_the_program(method: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Told, method, lambda *_: sys.exit(0))
+    with pytest.raises(MienError, match=r":Told called sys\.exit\(0\)"):
         list(mien.stream(folder))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -94,6 +95,15 @@ def test_a_tracker_that_returns_no_estimate_is_named(
     monkeypatch.setattr(tracker, method, lambda *_: returned)
     message = rf":StillTracker returned {type(returned).__name__} for frame {frame}; its initialize and track must"
     with pytest.raises(MienError, match=message):
+        mien.track(folder, landmarks=known_portrait().landmarks)
+
+
+@pytest.mark.parametrize("method", ["initialize", "track"])
+def test_a_tracker_does_not_end_the_program(
+    method: str, tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tracker, method, lambda *_: sys.exit(0))
+    with pytest.raises(MienError, match=r":StillTracker called sys\.exit\(0\); a tracker must not"):
         mien.track(folder, landmarks=known_portrait().landmarks)
 
 

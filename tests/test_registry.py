@@ -105,6 +105,10 @@ class Silent(dict, Whole): ...
 class Faulty(Whole):
     def __init__(self):
         len(5)
+
+class Leaving(Whole):
+    def __init__(self):
+        raise SystemExit(0)
 """
 
 
@@ -123,6 +127,11 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
         create_tracker("own_trackers_here:Choosy")
     with pytest.raises(TypeError, match=r"len\(\)"):  # its own fault, with its own traceback
         create_tracker("own_trackers_here:Faulty")
+    with pytest.raises(MienError, match=r"own_trackers_here:Leaving called sys\.exit\(0\)"):
+        create_tracker("own_trackers_here:Leaving")
+    (tmp_path / "a_script.py").write_text("import sys\nsys.exit('done')\n")
+    with pytest.raises(MienError, match=r"a_script:Whole called sys\.exit\('done'\)"):
+        create_tracker("a_script:Whole")
     for name in ("not_there_at_all:Whole", ":Whole", ".own_trackers_here:Whole"):
         with pytest.raises(MienError, match=f"unknown tracker '{re.escape(name)}'"):
             create_tracker(name)
@@ -146,7 +155,16 @@ def test_an_estimate_belongs_to_its_frame() -> None:
         ({"rotation": np.ones((3, 3))}, "not a rotation matrix"),
         ({"rotation": [1.0, 0.0, 0.0]}, "not a rotation matrix"),
         ({"rotation": np.diag([1.0, 1.0, -1.0])}, "not a rotation matrix"),
-        ({"translation": np.zeros(2)}, "a translation that is not"),
+        ({"status": Status.LOST}, "a rotation that belongs to a lost frame"),
+        ({"translation": np.zeros(2)}, r"no array \(3,\) of finite numbers as translation, but one \(2,\)"),
+        ({"translation": np.full(3, np.nan)}, r"as translation, but array\(\[nan, nan, nan\]\)"),
+        ({"translation": [0.0, 0.0, 9.0]}, r"as translation, but \[0.0, 0.0, 9.0\]"),
+        ({"translation": np.array([0, 0, None])}, "as translation, but"),
+        ({"animation": np.zeros(3)}, r"no array \(6,\) of finite numbers as animation, but one \(3,\)"),
+        ({"animation": np.full(6, np.inf)}, "as animation, but"),
+        ({"covariance": np.eye(6)}, r"no array \(12, 12\) .* as covariance, but one \(6, 6\)"),
+        ({"covariance": np.full((12, 12), np.nan)}, "as covariance, but"),
+        ({"covariance": -np.eye(12)}, "a covariance with the negative variance -1"),
         ({"confidence": None}, "not between 0 and 1"),
     ],
 )

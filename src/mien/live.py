@@ -16,7 +16,8 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
 from mien.pipeline.passes import warn_of_first_frame
-from mien.registry import DEFAULT_PRESET, checked, create_tracker
+from mien.pipeline.run import tracked
+from mien.registry import DEFAULT_PRESET, called, checked, create_tracker
 from mien.start.first_frame import as_point, before_start, require_inside
 from mien.start.footage import Footage
 from mien.start.search import Patience
@@ -82,19 +83,20 @@ def _stream(
         faces = patience(frame) if tracker is None or (doubtful and frame.time - seen > anew_after) else []
         if faces:
             learned = first or create_tracker(preset)
-            try:
-                estimate = learned.initialize(frame, faces[0], patience.camera)
-            except MienError as error:
-                if first is not None:
-                    raise
-                estimate = Estimate.lost(frame, f"the face in view cannot be learned: {error}")
-            else:
-                estimate = checked(estimate, learned, frame)
-                tracker, first, seen = learned, None, frame.time
-                warn_of_first_frame(estimate, faces[0], footage.video, tracker)
+            with called(learned):
+                try:
+                    estimate = learned.initialize(frame, faces[0], patience.camera)
+                except MienError as error:
+                    if first is not None:
+                        raise
+                    estimate = Estimate.lost(frame, f"the face in view cannot be learned: {error}")
+                else:
+                    estimate = checked(estimate, learned, frame)
+                    tracker, first, seen = learned, None, frame.time
+                    warn_of_first_frame(estimate, faces[0], footage.video, tracker)
             patience = Patience(patience.camera, face)
         else:
-            estimate = checked(tracker.track(frame), tracker, frame) if tracker else before_start(frame, patience)
+            estimate = tracked(tracker, frame) if tracker else before_start(frame, patience)
         doubtful = estimate.confidence <= _DOUBTFUL
         if not doubtful:
             seen, patience.first_detection = frame.time, None

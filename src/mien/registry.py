@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import reprlib
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import signature
@@ -15,10 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.geometry.rotation import is_rotation
-from mien.tracking.state import Estimate, Status, Tracker
+from mien.tracking.state import STATE_NAMES, Estimate, Status, Tracker
 
 if TYPE_CHECKING:
     from mien.config import Settings
@@ -43,6 +45,11 @@ DEFAULT_PRESET = "realtime"
 SETTINGS: Mapping[str, str] = MappingProxyType({"realtime": "RealtimeSettings", "paper": "PaperSettings"})
 """The class in `mien.config` for the settings of each tracker that accepts a settings file."""
 
+_SHAPES: Mapping[str, tuple[int, ...]] = MappingProxyType(
+    {"translation": (3,), "animation": (len(TRACKED_UNITS),), "covariance": (len(STATE_NAMES),) * 2}
+)
+"""The shapes of what an `Estimate` may have."""
+
 
 def create_tracker(name: str) -> Tracker:
     """Create a tracker: NAME with default settings, `realtime:FILE` or `paper:FILE` with the settings of a JSON file,
@@ -54,7 +61,8 @@ def create_tracker(name: str) -> Tracker:
     known, colon, file = name.partition(":")
     require(not colon or bool(file), f"{name} names no file after the colon; give one, or {known} alone")
     module, _, cls = TRACKERS.get(known, name).partition(":")
-    found = _module(module) if cls and module and not module.startswith(".") else None
+    with _no_exit(name):
+        found = _module(module) if cls and module and not module.startswith(".") else None
     require(
         found is not None,
         f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, or MODULE:CLASS of your own",
@@ -68,7 +76,8 @@ def create_tracker(name: str) -> Tracker:
             signature(tracker).bind(*arguments)
     except TypeError as error:
         raise MienError(f"{name} cannot be created ({error}); it must need no arguments") from error
-    made: Tracker = tracker(*arguments)
+    with _no_exit(name):
+        made: Tracker = tracker(*arguments)
     missing = [method for method in ("initialize", "track") if not callable(getattr(made, method, None))]
     require(not missing, f"{name} has no method {' and no '.join(missing)}; see mien.Tracker")
     return made
@@ -80,16 +89,32 @@ def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
     cls = type(tracker)
     if isinstance(returned, Estimate) and returned.index == frame.index:
         wrong = None if cls.__module__.startswith("mien.") else _fault(returned)
-        if wrong is None:
-            return returned
-        raise MienError(
-            f"{cls.__module__}:{cls.__qualname__} returned for frame {frame.index} {wrong}; see mien.Estimate"
-        )
+        require(wrong is None, f"{_name_of(cls)} returned for frame {frame.index} {wrong}; see mien.Estimate")
+        return returned
     what = f"the estimate of frame {returned.index}" if isinstance(returned, Estimate) else type(returned).__name__
     raise MienError(
-        f"{cls.__module__}:{cls.__qualname__} returned {what} for frame {frame.index}; its initialize and track must "
+        f"{_name_of(cls)} returned {what} for frame {frame.index}; its initialize and track must "
         "return a mien.Estimate with the frame's index, or Estimate.lost(frame, reason) if there is no face"
     )
+
+
+def called(tracker: Tracker) -> AbstractContextManager[None]:
+    """A context in which a tracker is called. Raises MienError if that ends the process, as `sys.exit` would."""
+    return _no_exit(_name_of(type(tracker)))
+
+
+@contextmanager
+def _no_exit(name: str) -> Iterator[None]:
+    try:
+        yield
+    except SystemExit as error:
+        raise MienError(
+            f"{name} called sys.exit({error.code!r}); a tracker must not end the process, but raise an error"
+        ) from error
+
+
+def _name_of(cls: type) -> str:
+    return f"{cls.__module__}:{cls.__qualname__}"
 
 
 def _fault(estimate: Estimate) -> str | None:
@@ -100,9 +125,27 @@ def _fault(estimate: Estimate) -> str | None:
         return f"the confidence {estimate.confidence!r}, which is not between 0 and 1"
     if estimate.rotation is not None and not is_rotation(estimate.rotation):
         return "something that is not a rotation matrix (3, 3)"
-    if estimate.translation is not None and np.shape(estimate.translation) != (3,):
-        return "a translation that is not an array (3,)"
+    if estimate.rotation is not None and estimate.status is Status.LOST:
+        return "a rotation that belongs to a lost frame"
+    for name, shape in _SHAPES.items():
+        values = getattr(estimate, name)
+        if values is not None and not _is_finite(values, shape):
+            other = isinstance(values, np.ndarray) and values.shape != shape
+            found = f"one {values.shape}" if other else reprlib.repr(values)
+            return f"no array {shape} of finite numbers as {name}, but {found}"
+    if estimate.covariance is not None and np.diag(estimate.covariance).min() < 0:
+        return f"a covariance with the negative variance {np.diag(estimate.covariance).min():g}"
     return None
+
+
+def _is_finite(values: object, shape: tuple[int, ...]) -> bool:
+    """Whether this is an array of this shape, of finite numbers."""
+    return (
+        isinstance(values, np.ndarray)
+        and values.shape == shape
+        and values.dtype.kind in "iuf"
+        and bool(np.isfinite(values).all())
+    )
 
 
 def file_of(name: str) -> Path | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -173,6 +174,20 @@ class Raises(Still):
         if frame.index == 2:
             raise RuntimeError("the third frame is too much")
         return estimate(frame)
+
+
+class Exits(Still):
+    """Ends its process in good order."""
+
+    def track(self, frame: Frame) -> Estimate:
+        sys.exit(0)
+
+
+class Vanishes(Still):
+    """Ends its process as if all was well."""
+
+    def track(self, frame: Frame) -> Estimate:
+        os._exit(0)
 
 
 class Crashes(Still):

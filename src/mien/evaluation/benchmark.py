@@ -73,7 +73,7 @@ def run_plan(
     evaluation.save(plan.out)
     timed = partial(_run, time_limit=time_limit, progress=progress)
     run = partial(timed, forked=forked)
-    faceless = run([j for s in sequences if not Path((j := first_frame_job(plan, s)).out).exists()], jobs)
+    faceless = run([j for s in sequences if not _is_done(j := first_frame_job(plan, s))], jobs)
     no_face = {job.sequence: reason for job, reason in faceless}
     for tracker in plan.trackers:
         for s in sequences:
@@ -83,11 +83,11 @@ def run_plan(
     kinds = {s.name: s.kind for s in sequences}
     tracks = [track_job(plan, t, s) for t in plan.trackers for s in ready]
     run(
-        [job for job in tracks if not _is_valid(job)],
+        [job for job in tracks if not _is_done(job)],
         jobs,
         on_failure=lambda job, reason: _save_failure(job, kinds[job.sequence], reason),
     )
-    for job, reason in timed([job for job in timing_jobs(plan, tracks) if not _is_timed(job)], 1):
+    for job, reason in timed([job for job in timing_jobs(plan, tracks) if not _is_done(job)], 1):
         warn(f"{job.label} on {job.sequence} was not timed: {reason}")
     return evaluation
 
@@ -155,7 +155,7 @@ def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
     for tracker in plan.trackers:
         if replays(tracker):
             continue
-        tracked = [j for j in tracks if j.label == label(tracker) and _is_valid(j)]
+        tracked = [j for j in tracks if j.label == label(tracker) and _is_done(j)]
         for job in tracked[: plan.timed]:
             file = timing_path(plan.out, job.label, job.sequence)
             out.append(replace(job, task="time", out=str(file)))
@@ -191,9 +191,10 @@ def _run(
     ended = run_commands(commands, at_once, time_limit, started.append, forked)
     for done, one in enumerate(ended, 1):
         progress(done, len(jobs), started[-1])
-        if one.reason:
-            failed.append((jobs[one.index], one.reason))
-            on_failure(jobs[one.index], one.reason)
+        job = jobs[one.index]
+        if reason := one.reason or ("" if _is_done(job) else "the process ended without a result"):
+            failed.append((job, reason))
+            on_failure(job, reason)
     return failed
 
 
@@ -209,19 +210,16 @@ def _save_failure(job: Job, kind: str, reason: str) -> None:
     SequenceResult(job.label, job.dataset, job.sequence, kind, job.settings, failure=reason).save(Path(job.out))
 
 
-def _is_valid(job: Job) -> bool:
+def _is_done(job: Job) -> bool:
+    """Whether there is what a job writes, with its settings."""
+    file = Path(job.out)
+    if job.task == "landmarks":
+        return file.exists()
     try:
-        result = SequenceResult.load(Path(job.out))
+        result = Timing.load(file) if job.task == "time" else SequenceResult.load(file)
     except MienError:
         return False
-    return not result.failure and dict(result.settings) == dict(job.settings)
-
-
-def _is_timed(job: Job) -> bool:
-    try:
-        return dict(Timing.load(Path(job.out)).settings) == dict(job.settings)
-    except MienError:
-        return False
+    return not (isinstance(result, SequenceResult) and result.failure) and dict(result.settings) == dict(job.settings)
 
 
 def _select(sequences: Sequence[DataSequence], names: Sequence[str]) -> list[DataSequence]:

@@ -22,11 +22,10 @@ from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import is_rotation
 from mien.initialization.landmarks import Landmarks
-from mien.registry import checked
+from mien.registry import called, checked
 from mien.tracking.abilities import FittedTracker, settings_of
-from mien.tracking.state import Estimate, Status, Tracker
+from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video
 
 _AGAINST, _LEAST_TURN_DEG = -0.8, 3.0
@@ -131,26 +130,16 @@ def _estimates(
 ) -> Iterator[tuple[Frame, Estimate]]:
     for frame in islice(open_video(sequence.video), frames):
         _ = frame.pixels  # decode before timing
-        start = time.perf_counter()
-        if frame.index == 0:
-            camera = sequence.camera_for(frame.width, frame.height)
-            estimate = tracker.initialize(frame, landmarks, camera)
-        else:
-            estimate = tracker.track(frame)
-        if seconds is not None:
-            seconds.append(time.perf_counter() - start)
-        _check(checked(estimate, tracker, frame), frame)
-        yield frame, estimate
-
-
-def _check(estimate: Estimate, frame: Frame) -> None:
-    """Raise MienError if a tracker violates its interface."""
-    R = estimate.rotation
-    require(
-        R is None or (is_rotation(R) and estimate.status is not Status.LOST),
-        f"frame {frame.index}: the tracker's rotation is not a rotation matrix, or belongs to a lost frame; "
-        "every frame must either be lost or have a rotation matrix",
-    )
+        with called(tracker):
+            start = time.perf_counter()
+            if frame.index == 0:
+                camera = sequence.camera_for(frame.width, frame.height)
+                estimate = tracker.initialize(frame, landmarks, camera)
+            else:
+                estimate = tracker.track(frame)
+            if seconds is not None:
+                seconds.append(time.perf_counter() - start)
+        yield frame, checked(estimate, tracker, frame)
 
 
 def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
 from mien.frame import Frame
-from mien.registry import checked
+from mien.registry import called, checked
 from mien.start.first_frame import Start, before_landmarks
 from mien.tracking.state import Estimate, Tracker
 from mien.video import backwards
@@ -19,9 +19,9 @@ def run_back(tracker: Tracker, begin: Start) -> Iterator[Estimate]:
     """Track backwards from the first frame until the face is lost for good; yields the estimates in that order."""
     if begin.since < begin.first.time:
         seen = begin.first.time
-        checked(tracker.initialize(begin.first, begin.landmarks, begin.camera), tracker, begin.first)
+        _initialize(tracker, begin.first, begin)
         for frame in backwards(begin.footage.video, begin.since, begin.first.index):
-            estimate = checked(tracker.track(frame), tracker, frame)
+            estimate = tracked(tracker, frame)
             yield estimate
             if estimate.status.success:
                 seen = frame.time
@@ -37,6 +37,19 @@ def run(
         if frame.index < begin.first.index:
             yield frame, earlier.get(frame.index) or before_landmarks(frame)
         elif frame.index == begin.first.index:
-            yield frame, checked(tracker.initialize(frame, begin.landmarks, begin.camera), tracker, frame)
+            yield frame, _initialize(tracker, frame, begin)
         else:
-            yield frame, checked(tracker.track(frame), tracker, frame)
+            yield frame, tracked(tracker, frame)
+
+
+def _initialize(tracker: Tracker, frame: Frame, begin: Start) -> Estimate:
+    with called(tracker):
+        returned = tracker.initialize(frame, begin.landmarks, begin.camera)
+    return checked(returned, tracker, frame)
+
+
+def tracked(tracker: Tracker, frame: Frame) -> Estimate:
+    """The estimate of a tracker for the next frame. Raises MienError if it gives none."""
+    with called(tracker):
+        returned = tracker.track(frame)
+    return checked(returned, tracker, frame)
