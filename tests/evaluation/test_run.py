@@ -202,6 +202,25 @@ def test_truth_that_runs_against_the_tracker_is_told(
     assert [str(w.message).split(": ")[1].split()[0] for w in recwarn] == named
 
 
+@pytest.mark.parametrize("unit", ["radians", "degrees"])
+@pytest.mark.parametrize("signs", [(1, -1, -1), (1, 1, -1)])
+def test_truth_in_degrees_is_told(
+    unit: str, signs: tuple[int, int, int], tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    """Also of a head that turns so little that degrees could be radians, and with another sign."""
+    turns = 0.4 * angles_deg()  # up to 6 degrees
+    tiny.video(tmp_path / "own.avi")
+    written = turns * signs if unit == "degrees" else np.radians(turns) * signs
+    rows = [",".join(map(str, (k, *row))) for k, row in enumerate(written)]
+    (tmp_path / "own.csv").write_text("\n".join(["frame,pose_Rx,pose_Ry,pose_Rz", *rows]))
+    (own,) = load_dataset("video", tmp_path)
+    leaning = head_rotations(np.array([[0.5, 4.0, -3.0]]))[0]
+    run_sequence(Known(FACING @ head_rotations(1.1 * turns) @ leaning), own, FIRST)
+    told = [str(warning.message) for warning in recwarn]
+    assert all(text.startswith(f"{tmp_path / 'own.csv'}: its angles vary 5") for text in told)
+    assert ["not in degrees" in text for text in told] == [True] * (unit == "degrees")
+
+
 def test_timing(sequence: Sequence, tmp_path: Path) -> None:
     made: list[Still] = []
 

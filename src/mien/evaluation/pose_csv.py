@@ -40,7 +40,8 @@ class PoseTable:
     the video's first frame, 0 as in mien's files or 1 as in OpenFace's, None if the file does not say; rotation:
     (n, 3, 3) head -> camera; translation_mm: (n, 3); landmarks: (n, k, 2) pixels; animation: (n, 6); eyes_closed:
     (n, 2) eye closure and its standard deviation, each NaN if unknown; time: (n,) seconds, NaN if unknown; rate: frames
-    per second by the times, None without; by_mien: whether mien has written the file.
+    per second by the times, None without; by_mien: whether mien has written the file; angles: (n, 3) radians, of the
+    columns of the pose.
     """
 
     source: Path
@@ -57,6 +58,7 @@ class PoseTable:
     eyes_closed: Array | None = None
     rate: float | None = None
     by_mien: bool = False
+    angles: Array | None = None
 
     @property
     def index(self) -> NDArray[np.intp]:
@@ -109,6 +111,7 @@ def read_pose_csv(path: Path) -> PoseTable:
         np.stack([_column(path, rows, n, np.nan) for n in _CLOSING], axis=1) if _CLOSING[0] in names else None,
         rate,
         by_mien,
+        angles,
     )
 
 

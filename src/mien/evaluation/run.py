@@ -17,11 +17,13 @@ import numpy as np
 from mien.arrays import Array, Pixels
 from mien.errors import require, warn
 from mien.evaluation.datasets.sequence import Sequence, Truth
+from mien.evaluation.metrics import correlation
 from mien.evaluation.protocols import angles_deg
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.worst import worst_frames
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
 from mien.registry import called, checked
 from mien.tracking.abilities import FittedTracker, settings_of
@@ -31,6 +33,9 @@ from mien.video import open_video
 _AGAINST, _LEAST_TURN_DEG = -0.8, 3.0
 """Correlation of an angle with the truth below which one of them has another sign, and the standard deviation from
 which on that can be told."""
+_LIKE_DEGREES, _ALIKE = (30.0, 110.0), 0.9
+"""How many times as much as the track's the angles of a file vary whose degrees are read as radians, which is about 57,
+and the correlation above which that can be told."""
 WARM_UP_FRAMES = 2
 MAXIMUM_TIMED_FRAMES = 1000
 
@@ -56,7 +61,8 @@ def run_sequence(
         estimates.append(estimate)
         meshes.append(_mesh(tracker, estimate, sequence.camera_for(frame.width, frame.height)))
     track = TrackTable.from_estimates(estimates)
-    _warn_of_signs(track, truth, sequence)
+    if not _warn_of_degrees(track, truth, sequence):
+        _warn_of_signs(track, truth, sequence)
     worst = worst_frames(track, truth)
     return SequenceResult(
         name,
@@ -153,6 +159,25 @@ def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:
         f"{sequence.truth_files[0]} has points up to {high[0]:.0f}, {high[1]:.0f} and the images have "
         f"{frame.width}x{frame.height} pixels; the annotation was made on images of another size",
     )
+
+
+def _warn_of_degrees(track: TrackTable, truth: Truth, sequence: Sequence) -> bool:
+    """Warn of a file with angles in degrees, where radians are read; returns whether it is one."""
+    if truth.rotations is None or truth.angles_deg is None:
+        return False
+    found, true = angles_deg(FACING @ track.rotation, "XYZ"), truth.angles_deg
+    both = np.isfinite(found).all(axis=1) & np.isfinite(true).all(axis=1)
+    if not both.any():
+        return False
+    most = int(np.argmax(true[both].std(axis=0)))
+    found, true = found[both, most], true[both, most]
+    alike, (least, largest) = abs(correlation(found, true)), _LIKE_DEGREES
+    if not (alike > _ALIKE and least * found.std() < alike * true.std() < largest * found.std()):
+        return False
+    times = alike * true.std() / found.std()
+    file = sequence.truth_files[0]
+    warn(f"{file}: its angles vary {times:.0f} times as much as the track's; they must be in radians, not in degrees")
+    return True
 
 
 def _warn_of_signs(track: TrackTable, truth: Truth, sequence: Sequence) -> None:

@@ -18,6 +18,7 @@ from mien.arrays import Array
 from mien.errors import require, warn
 from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
 from mien.evaluation.pose_csv import PoseTable, read_pose_csv
+from mien.geometry.rotation import FACING
 from mien.video import VIDEO_SUFFIXES, open_video
 
 _OTHER_RATE = 0.1
@@ -79,7 +80,8 @@ def read_truth(path: Path, frames: int, video: Path | None = None) -> Truth:
 
     landmarks = by_frame(table.landmarks)
     scheme = "ibug68" if landmarks is None else table.scheme
-    return Truth(frames, rotations=by_frame(table.rotation), landmarks=landmarks, landmark_scheme=scheme)
+    angles_deg = None if table.angles is None else np.degrees(table.angles) * FACING.diagonal()
+    return Truth(frames, by_frame(table.rotation), by_frame(angles_deg), landmarks, scheme)
 
 
 def _first_frame(table: PoseTable, frames: int) -> int:

@@ -18,9 +18,9 @@ from mien.initialization.landmarks import SCHEMES, Landmarks
 class Truth:
     """Ground truth of n frames. Quantities that the data set lacks are None; frames without truth are NaN.
 
-    rotations: (n, 3, 3) head -> camera; angles_deg: (n, 3) tilt, pan, roll from a sensor's file, with the signs of head
-    axes; the protocol decides their order; landmarks: (n, k, 2) pixels in the scheme `landmark_scheme`;
-    expression: (n, m) weights of the shapes `expression_names`.
+    rotations: (n, 3, 3) head -> camera; angles_deg: (n, 3) tilt, pan, roll as a file has them, with the signs of head
+    axes; the protocol decides their order, unless there are rotations; landmarks: (n, k, 2) pixels in the scheme
+    `landmark_scheme`; expression: (n, m) weights of the shapes `expression_names`.
     """
 
     frames: int
