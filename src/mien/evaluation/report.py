@@ -18,7 +18,8 @@ STYLE = """ body { font: 15px/1.5 system-ui, sans-serif; max-width: 72rem; margi
 color: #222; } h1 { font-size: 1.6rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; } p { max-width: 52rem;
 } table { border-collapse: collapse; font-size: 0.9rem; display: block; overflow-x: auto; } th, td { padding:
 0.2rem 0.7rem; text-align: left; border-bottom: 1px solid #ddd; white-space: nowrap; } th { border-bottom: 2px
-solid #888; } td.number { text-align: right; font-variant-numeric: tabular-nums; } figure { margin: 2rem 0; }
+solid #888; } td.number { text-align: right; font-variant-numeric: tabular-nums; } #warnings td, #failures td {
+white-space: normal; overflow-wrap: anywhere; min-width: 6rem; } figure { margin: 2rem 0; }
 img { max-width: 100%; } figcaption { color: #555; } code { background: #f3f1ee; } pre { background: #f3f1ee;
 padding: 0.7rem; overflow-x: auto; }
 """
