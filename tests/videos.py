@@ -42,9 +42,9 @@ def write_video(
     options: dict[str, str] | None = None,
     aspect: Fraction | None = None,
 ) -> Path:
-    """Encode images of the format `of`; FFV1 in Matroska or AVI keeps every bit."""
-    with av.open(str(path), "w", options=options or {}) as container:
-        stream = container.add_stream(codec, rate=fps)
+    """Encode images of the format `of`, with options of the encoder; FFV1 in Matroska or AVI keeps every bit."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=fps, options=options or {})
         stream.pix_fmt = pix_fmt
         if times_ms is not None:
             stream.codec_context.time_base = MILLISECONDS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,25 @@ def test_damage_in_the_middle_does_not_end_the_video(tmp_path: Path) -> None:
     with pytest.warns(MienWarning, match="truncated or damaged: 19 of 20"):
         frames = list(open_video(path))
     np.testing.assert_allclose([f.time for f in frames[-2:]], [18 / 25, 19 / 25])
+
+
+@pytest.mark.parametrize(("name", "codec"), [("x.mp4", "libx264"), ("x.avi", "mpeg4"), ("x.mkv", "mpeg2video")])
+def test_damage_that_the_decoder_conceals_is_told_once(name: str, codec: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(40)]
+    path = write_video(tmp_path / name, images, codec=codec, pix_fmt="yuv420p")
+    assert len(frames_of(path)) == 40
+    with av.open(str(path)) as container:
+        packets = [packet for packet in container.demux(video=0) if packet.size][10:]
+    content = bytearray(path.read_bytes())
+    for packet in packets:
+        middle = packet.pos + packet.size // 2
+        content[middle : middle + 8] = rng.bytes(8)
+    path.write_bytes(content)
+    with pytest.warns(MienWarning) as told:
+        assert len(list(open_video(path))) == 40
+    assert len(told) == 1
+    assert re.search(rf"{name} is damaged, first at about [01]\.\d\d s; .* copy the file again", str(told[0].message))
 
 
 def test_nothing_decodes(tmp_path: Path) -> None:

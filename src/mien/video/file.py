@@ -87,13 +87,20 @@ class VideoFile:
 
     def _frames(self) -> Iterator[Frame]:
         display = Display()
-        count, damaged, clock = 0, False, Clock(self.name, self.begin)
+        count, incomplete, invented, clock = 0, False, False, Clock(self.name, self.begin)
         for image in decoded_images(self.path):
             if image is None:
-                damaged = True
+                incomplete = True
                 continue
             duration = float(image.duration * image.time_base) if image.duration else 1 / self.fps
             time = clock.time_of(None if image.time is None else float(image.time), duration)
+            # Not by the errors that libav logs: sound recordings that begin between two key frames have many.
+            if image.is_corrupt and not invented:
+                invented = True
+                warn(
+                    f"{self.path} is damaged, first at about {time:.2f} s; the decoder invents what is missing, so "
+                    "that poses may be wrong there at a high confidence; copy the file again from where it was recorded"
+                )
             yield Frame(Decoded(image, display, self.aspect), count, time)
             count += 1
         require(
@@ -101,7 +108,7 @@ class VideoFile:
             f"{self.path}: no frame could be decoded; the file is empty, damaged, or of a kind that is not supported; "
             "convert it to MP4",
         )
-        if damaged or self._ends_early(count, clock.until):
+        if incomplete or self._ends_early(count, clock.until):
             of = f" of {self.declared}" if self.declared else ""
             warn(f"{self.path} is truncated or damaged: {count}{of} frames were decoded, to {clock.time:.2f} s")
         elif self.may_jump and clock.missing > _MISSING_S:
