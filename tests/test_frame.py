@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import pickle
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ import cv2
 import numpy as np
 import pytest
 
+from mien.arrays import Pixels
 from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.video import open_video
-from videos import frames_of, gradient, write_video
+from videos import frames_of, gradient, turn_by_metadata, write_video
 
 
 def test_gray_is_luminance() -> None:
@@ -69,6 +71,44 @@ def test_grey_is_there_without_a_conversion_where_luma_is(
         gain, offset = np.polyfit(frame.gray.ravel().astype(float), expected.ravel().astype(float), 1)
         np.testing.assert_allclose(gain * frame.gray + offset, expected, atol=4)
     assert len(asked) == (0 if has_luma else 4)
+
+
+def _spot(x: float, y: float) -> Pixels:
+    """(64, 96, 3) a bright round spot around a point."""
+    rows, columns = np.mgrid[:64, :96]
+    spot = 40 + 200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 5**2))
+    return np.repeat(np.round(spot).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _centre(gray: Pixels) -> tuple[float, float]:
+    """The column and the row of the centre of what is brighter than the border."""
+    weights = np.clip(gray.astype(float) - gray[0, 0] - 5, 0, None)
+    rows, columns = np.mgrid[: gray.shape[0], : gray.shape[1]]
+    return float((weights * columns).sum() / weights.sum()), float((weights * rows).sum() / weights.sum())
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("aspect", [Fraction(1), Fraction(8, 9), Fraction(4, 3)])
+@pytest.mark.parametrize("first", ["tff", "bff"])
+def test_of_an_interlaced_picture_the_upper_field_is_seen_where_it_is(
+    first: str, aspect: Fraction, turned: bool, tmp_path: Path
+) -> None:
+    upper, lower = _spot(40.3, 30.6), _spot(52.0, 41.0)
+    woven = upper.copy()
+    woven[1::2] = lower[1::2]
+    shown = []
+    for name, image, how in (("plain", upper, "progressive"), ("woven", woven, f"interlaced=1:{first}=1")):
+        options = {"qp": "0"} | ({"x264-params": how} if name == "woven" else {})
+        path = tmp_path / f"{name}.mp4"
+        write_video(path, [image] * 3, codec="libx264", pix_fmt="yuv420p", options=options, aspect=aspect)
+        if turned:
+            turn_by_metadata(path)
+        shown.append(frames_of(path)[1])
+    plain, seen = shown
+    for picture, expected in ((seen.gray, plain.gray), (seen.pixels[..., 1], plain.pixels[..., 1])):
+        assert picture.shape == expected.shape
+        np.testing.assert_allclose(_centre(picture), _centre(expected), atol=0.05)
+        np.testing.assert_allclose(picture.astype(int), expected.astype(int), atol=5)
 
 
 def test_a_frame_goes_to_another_process(video: Path) -> None:

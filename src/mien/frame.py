@@ -94,7 +94,8 @@ class Frame:
 
 @dataclass(frozen=True)
 class Decoded:
-    """An image decoded by PyAV, which becomes upright, with square pixels, as its metadata says.
+    """An image decoded by PyAV, which becomes upright, with square pixels, as its metadata says. Of an interlaced one,
+    whose two fields show different moments, only the upper field is seen.
 
     display: shared by all images of a video. aspect: width of a pixel over its height; correcting it stretches the
     image, never shrinks it.
@@ -123,21 +124,28 @@ class Decoded:
 
     def rgb(self) -> Pixels:
         """(H, W, 3) uint8."""
+        height, width = self._size_with_square_pixels
+        rows = int(self.image.height) if self.image.interlaced_frame else height  # scaling would mix the fields
         with _converting:
-            height, width = self._size_with_square_pixels
-            converted = self.display.converter.reformat(self.image, width, height, format="rgb24")
-        pixels = np.asarray(converted.to_ndarray(), np.uint8)
+            converted = self.display.converter.reformat(self.image, width, rows, format="rgb24")
+        pixels = self._of_one_moment(np.asarray(converted.to_ndarray(), np.uint8))
+        if rows != height:
+            pixels = np.asarray(cv2.resize(pixels, (width, height)), np.uint8)
         return np.ascontiguousarray(self._upright(pixels))
 
     def luma(self) -> Pixels | None:
-        """(H, W) uint8 view of the luma plane; None if the pixel format has no separate 8-bit luma plane, or the pixels
-        are not square."""
+        """(H, W) uint8 luma plane, a view unless it is interlaced; None if the pixel format has no separate 8-bit luma
+        plane, or the pixels are not square."""
         plane, width, height = self.image.planes[0], self.image.width, self.image.height
         square = self._size_with_square_pixels == (height, width)
         if not _has_luma(self.image.format.name) or plane.line_size < width or not square:
             return None
         rows = np.frombuffer(plane, np.uint8, height * plane.line_size).reshape(height, plane.line_size)
-        return self._upright(rows[:, :width])
+        return self._upright(self._of_one_moment(rows[:, :width]))
+
+    def _of_one_moment(self, pixels: Pixels) -> Pixels:
+        """Decoded pixels (H, W, ..), without the lower field if they are interlaced."""
+        return upper_field(pixels) if self.image.interlaced_frame else pixels
 
     def _upright(self, pixels: Pixels) -> Pixels:
         """View of decoded pixels, mirrored and rotated for display."""
@@ -180,6 +188,15 @@ def _orientation(image: Any) -> tuple[int, int]:
     a, b, _, c, d = np.frombuffer(matrix, np.int32)[:5].astype(float)  # x' = a x + c y, y' = b x + d y
     columns = 1 if a * d - b * c >= 0 else -1
     return columns, round(2 * math.atan2(c, columns * a) / math.pi) % 4
+
+
+def upper_field(pixels: Pixels) -> Pixels:
+    """The rows 0, 2, 4 .. of an image (H, W, ..) where they are, and between them the means of their neighbours."""
+    field, whole = pixels[::2], pixels.copy()
+    whole[1:-1:2] = cv2.addWeighted(field[:-1], 0.5, field[1:], 0.5, 0)
+    if len(pixels) % 2 == 0:
+        whole[-1] = field[-1]
+    return whole
 
 
 def _check(pixels: object) -> None:
