@@ -22,6 +22,14 @@ def test_through_a_link_its_target_is_written(tmp_path: Path) -> None:
     assert list((tmp_path / "elsewhere").iterdir()) == [target]
 
 
+def test_a_missing_folder_is_created(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere" / "target")
+    for path in (tmp_path / "a" / "b" / "c", tmp_path / "link"):
+        with whole_file(path) as file:
+            file.write_text("new")
+        assert path.read_text() == "new"
+
+
 def test_lists_of_numbers_stand_on_one_line_and_strings_stay_as_they_are() -> None:
     values = {"name": "a[ 1 ].mp4", "lines": "[\n 1,\n 2\n]", "of": [[1, -2.5e-07], []], "not": ["[ 3 ]", None]}
     text = json_text(values)

@@ -54,9 +54,10 @@ def reason_of(error: OSError) -> str:
 
 def create_temporary(path: Path) -> Path:
     """New, empty, hidden file with the suffix of `path`, in the folder of what that links to, so that a rename stays on
-    one disk."""
-    stem = path.stem[:40]  # a longer name could exceed what the file system allows
-    handle, name = tempfile.mkstemp(prefix=f".{stem}-", suffix=path.suffix, dir=real_path(path).parent)
+    one disk. The folder is created if needed."""
+    folder, stem = real_path(path).parent, path.stem[:40]  # a longer name could exceed what the file system allows
+    folder.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{stem}-", suffix=path.suffix, dir=folder)
     os.close(handle)
     return Path(name)
 
@@ -64,7 +65,6 @@ def create_temporary(path: Path) -> Path:
 def require_writable(path: Path) -> None:
     """Create the folder of `path`; raise MienError if a file cannot be written there."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         create_temporary(path).unlink()
     except OSError as error:
         raise MienError(f"{path} cannot be written ({reason_of(error)}); choose another place") from error

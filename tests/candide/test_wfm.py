@@ -116,4 +116,4 @@ def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
     with pytest.raises(MienError, match="line 1: expected the number of vertices"):
         read_wfm(tmp_path / "binary.wfm")
     with pytest.raises(MienError, match="choose another place"):
-        write_wfm(tmp_path / "no" / "folder.wfm", Wfm.neutral(Candide.default()))
+        write_wfm(tmp_path / "binary.wfm" / "no_folder.wfm", Wfm.neutral(Candide.default()))

@@ -168,6 +168,7 @@ def test_a_video_that_fails_leaves_the_one_that_is_there(tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(MienError, match=r"nowhere.*cannot be written"):
-        OverlayWriter(tmp_path / "nowhere" / "overlay.mp4")
+def test_a_folder_that_cannot_be_created_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(MienError, match=r"file/overlay.*cannot be written"):
+        OverlayWriter(tmp_path / "file" / "overlay.mp4")

@@ -341,9 +341,16 @@ def test_files_have_the_permissions_of_new_files(track: Track, tmp_path: Path) -
     assert {p.stat().st_mode & 0o777 for p in paths} == {0o644}
 
 
-def test_a_folder_that_is_missing_is_named(track: Track, tmp_path: Path) -> None:
-    with pytest.raises(MienError, match=r"nowhere/out.* cannot be written"):
-        track.save(tmp_path / "nowhere" / "out.csv")
+def test_a_folder_that_is_missing_is_created(track: Track, tmp_path: Path) -> None:
+    track.save(tmp_path / "nowhere" / "out.csv")
+    assert len(Track.read(tmp_path / "nowhere" / "out.csv")) == len(track)
+    assert track.plot(tmp_path / "pictures" / "out.png").exists()
+
+
+def test_a_folder_that_cannot_be_created_is_named(track: Track, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(MienError, match=r"file/out.* cannot be written"):
+        track.save(tmp_path / "file" / "out.csv")
 
 
 @pytest.mark.parametrize(

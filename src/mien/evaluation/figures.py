@@ -36,7 +36,6 @@ PANELS = 24
 
 def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
     """Draw all figures for which there are results; returns title -> file."""
-    folder.mkdir(parents=True, exist_ok=True)
     angles, points = _pages(scores, _with_pose), _pages(scores, _with_points)
     makers: list[tuple[str, str, list[Figure]]] = [
         (

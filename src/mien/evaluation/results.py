@@ -102,7 +102,6 @@ class SequenceResult:
         arrays |= _arrays_of("track", self.track) | _arrays_of("truth", self.truth)
         arrays |= {f"picture.{frame}": jpeg for frame, jpeg in self.pictures.items()}
         arrays |= {f"mesh.{frame}": np.asarray(points, np.float32) for frame, points in self.meshes.items()}
-        path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as temporary, temporary.open("wb") as f:
             np.savez_compressed(f, **arrays)
 
@@ -146,7 +145,6 @@ class Timing:
         return len(self.frame_seconds) / sum(self.frame_seconds)
 
     def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as temporary:
             temporary.write_text(json.dumps(self.__dict__, indent=1), encoding="utf-8")
 
