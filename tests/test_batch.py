@@ -609,10 +609,23 @@ def test_a_video_whose_name_is_too_long_for_a_table_is_a_row(
 def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)
-    (out / "a.csv").write_bytes(b"")
+    lines = (out / "a.csv").read_text().splitlines()
+    (out / "a.csv").write_text("\n".join(f"{line},{line.split(',')[0]}" for line in lines))  # the first column again
     (out / "sub" / "b.json").write_text("{")
     (out / "sub" / "c.json").write_text("[]")
     assert _states(track_all([videos], out)) == ["tracked"] * 3
+
+
+@pytest.mark.parametrize("changed", [{"video": "b.mp4"}, {"video": {}}, {"faces": "2"}, {"faces": None}])
+def test_a_table_whose_settings_are_not_understood_is_made_again(
+    videos: Path, code: dict[str, str], tmp_path: Path, changed: dict[str, Any]
+) -> None:
+    out = tmp_path / "out"
+    track_all([videos], out)
+    settings = out / "a.json"
+    settings.write_text(json.dumps(json.loads(settings.read_text()) | changed))
+    assert _states(track_all([videos], out)) == ["tracked", "kept", "kept"]
+    assert _states(track_all([videos], out)) == ["kept"] * 3
 
 
 def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

@@ -266,21 +266,14 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     All its files must exist, be complete and no older than the video, which must be the same, and come from the same
     tracker with the same settings.
     """
-    if not exists(row.table):
-        return None
-    try:
+    with suppress(MienError, OSError, AttributeError, LookupError, TypeError):  # whatever somebody made of NAME.json
         track = Track.read(row.table)
-    except MienError:
-        return None
-    known = track.metadata
-    if not options.match(known, row.table) or known.get("video", {}).get("bytes") != size_of(row.video):
-        return None
-    files = options.files_of(row.table, known.get("faces", 1))
-    read = [row.video, *(list_images(row.video) if row.video.is_dir() else ())]
-    if not all(map(exists, files)):
-        return None
-    with suppress(MienError, OSError):
-        if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in (*read, *options.inputs)):
+        known = track.metadata
+        if not options.match(known, row.table) or known["video"]["bytes"] != size_of(row.video):
+            return None
+        files = options.files_of(row.table, known.get("faces", 1))
+        read = [row.video, *(list_images(row.video) if row.video.is_dir() else ()), *options.inputs]
+        if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in read):
             return None
         # A file or a folder that was renamed keeps its time: it may be another video.
         other = known["video"].get("inode") != row.video.stat().st_ino

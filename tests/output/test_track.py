@@ -239,6 +239,12 @@ def test_the_mesh_of_a_row_by_hand() -> None:
     assert Track.from_estimates([frontal]).mesh(0) is None
 
 
+@pytest.mark.parametrize("mesh", [{}, [], "none", {"vertices": [[0, 0, 0]], "units": {"jaw_drop": 1}}])
+def test_a_mesh_that_is_damaged_is_told(mesh: Any) -> None:
+    with pytest.raises(MienError, match=r"`mesh` of the track is not as mien has written it; track the video again"):
+        _ = Track.from_estimates([estimate(0)], {"mesh": mesh}).rest
+
+
 def test_landmarks_in_space_move_along_their_rays(track: Track) -> None:
     def in_space(of: Track) -> Array:
         return np.stack([[of.table[f"{axis}_{k}"].to_numpy() for k in range(3)] for axis in "XYZ"]).T
@@ -359,6 +365,13 @@ def test_a_folder_that_cannot_be_created_is_named(track: Track, tmp_path: Path) 
 def test_read_refuses_what_is_no_track(text: str, tmp_path: Path) -> None:
     (tmp_path / "out.csv").write_text(text)
     with pytest.raises(MienError, match=r"out\.csv"):
+        Track.read(tmp_path / "out.csv")
+
+
+def test_a_column_that_is_there_twice_is_named(track: Track, tmp_path: Path) -> None:
+    twice = replace(track, table=track.table.append_column("success", track.table.column("success")))
+    twice.save(tmp_path / "out.csv")
+    with pytest.raises(MienError, match=r"out\.csv has several columns 'success'; rename or delete all but one"):
         Track.read(tmp_path / "out.csv")
 
 

@@ -8,6 +8,7 @@ import math
 import mmap
 import tempfile
 from array import array
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from csv import Error as CSVError
@@ -164,15 +165,18 @@ class Track:
     def rest(self) -> tuple[Array, Array] | None:
         """Vertices (V, 3) of the face at rest, as in the first frame, and displacements (6, V, 3) of its animation
         units, millimetres in head axes; None for trackers without a face model and for `metadata` without "mesh", as of
-        `from_estimates`."""
+        `from_estimates`. Raises MienError if that is damaged."""
         mesh = self.metadata.get("mesh")
         if mesh is None:
             return None
-        vertices = np.array(mesh["vertices"])
-        units = np.zeros((len(TRACKED_UNITS), *vertices.shape))
-        for name, displacements in zip(TRACKED_UNITS, units, strict=True):
-            unit = mesh["units"][name]
-            displacements[np.array(unit["moved"], int)] = np.reshape(unit["by"], (-1, 3))
+        try:
+            vertices = np.array(mesh["vertices"], float)
+            units = np.zeros((len(TRACKED_UNITS), *vertices.shape))
+            for name, displacements in zip(TRACKED_UNITS, units, strict=True):
+                unit = mesh["units"][name]
+                displacements[np.array(unit["moved"], int)] = np.reshape(unit["by"], (-1, 3))
+        except (LookupError, TypeError, ValueError) as error:
+            raise MienError("the `mesh` of the track is not as mien has written it; track the video again") from error
         return _fixed(vertices), _fixed(units)
 
     def mesh(self, row: int) -> Array | None:
@@ -262,6 +266,8 @@ class Track:
             metadata = json.loads(beside.read_text(encoding="utf-8-sig")) if beside.is_file() else {}
         except (pa.ArrowException, OSError, ValueError, CSVError) as error:
             raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
+        several = ", ".join(repr(name) for name, count in Counter(table.column_names).items() if count > 1)
+        require(not several, f"{path} has several columns {several}; rename or delete all but one")
         missing = _IN_EVERY_ROW - set(table.column_names)
         require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
         empty = sorted(name for name in _IN_EVERY_ROW if table.column(name).null_count)
@@ -438,7 +444,8 @@ def _read_csv(path: Path) -> pa.Table:
     table = csv.read_csv(
         pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
     )
-    return table.cast(pa.schema([(n, types.get(n, table.schema.field(n).type)) for n in names]))
+    read = zip(names, table.schema.types, strict=True)
+    return table.cast(pa.schema([(n, types.get(n, kind)) for n, kind in read]))
 
 
 def _read_parquet(path: Path) -> pa.Table:
