@@ -523,18 +523,22 @@ def test_the_summary_keeps_what_a_run_over_some_of_the_videos_was_not_asked_for(
     assert [row.note for row in track_all([videos], out)] == ["", "the face is turned"]
 
 
-def test_a_summary_of_paths_as_they_were_given_is_read(
-    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("options", [BatchOptions(), BatchOptions(again=True)])
+def test_what_users_add_to_the_summary_stays(
+    options: BatchOptions, videos: Path, code: dict[str, str], tmp_path: Path
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    out = Path("out")
+    out = tmp_path / "out"
     track_all([videos], out)
-    rows = "".join(f"videos/{name}.mp4,out/{name}.csv,tracked,0,turned\n" for name in "ax")
-    (out / "x.csv").touch()
-    (out / "summary.csv").write_text(f"video,table,state,face_id,note\n{rows}")
-    assert track_all([videos], out)[0].note == "turned"
-    known = {"video": str(videos / "x.mp4"), "table": "x.csv", "note": "turned", "duration": ""}
-    assert known.items() <= _summary(out)[-1].items()
+    before = _summary(out)
+    with (out / "summary.csv").open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, ["condition", *before[0], "group"])
+        writer.writeheader()
+        writer.writerows(row | {"condition": f"c{k}", "group": "1,2"} for k, row in enumerate(before))
+    (videos / "d.mp4").write_bytes(b"")
+    for paths in ([videos / "a.mp4"], [videos]):
+        track_all(paths, out, options)
+    added = [(Path(row["video"]).name, row["condition"], row["group"]) for row in _summary(out)]
+    assert added == [("a.mp4", "c0", "1,2"), ("d.mp4", "", ""), ("b.avi", "c1", "1,2"), ("c.MOV", "c2", "1,2")]
 
 
 def test_a_summary_that_a_spreadsheet_has_saved_is_read(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

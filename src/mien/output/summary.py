@@ -54,6 +54,10 @@ class Row:
     note: str = ""
 
 
+_OWN = tuple(field.name for field in fields(Row))
+"""The columns of the summary; others are its users'."""
+
+
 def face_rows(row: Row, track: Track) -> list[Row]:
     """The rows of all faces of a video; `row` and `track` are those of the first. Raises MienError if the table of
     another is damaged."""
@@ -83,7 +87,7 @@ def _with_counts(row: Row, track: Track) -> Row:
 
 @dataclass(frozen=True)
 class Summary:
-    """The summary of the tables in the folder of `path`, with what earlier runs have noted in it.
+    """The summary of the tables in the folder of `path`, with what earlier runs have noted in it, and users have added.
 
     earlier: the rows of earlier runs, by the table of the first face of their video, as it is written in them.
     """
@@ -118,10 +122,17 @@ class Summary:
         rows = [[self._values(row) for row in faces] for faces in found]
         tables = {faces[0]["table"] for faces in rows}
         others = (faces for table, faces in self._left.items() if table not in tables)
+        names = dict.fromkeys(chain(_OWN, *self._added.values()))
         with whole_file(self.path) as file, file.open("w", **_CSV) as stream:
-            writer = csv.DictWriter(stream, [field.name for field in fields(Row)], extrasaction="ignore")
+            writer = csv.DictWriter(stream, list(names))
             writer.writeheader()
             writer.writerows(chain.from_iterable([*rows, *others]))
+
+    @cached_property
+    def _added(self) -> dict[str, dict[str, str]]:
+        """The cells of columns that users have added, by the table of their row."""
+        rows = chain.from_iterable(self.earlier.values())
+        return {row["table"]: {name: cell for name, cell in row.items() if name not in _OWN} for row in rows}
 
     @cached_property
     def _left(self) -> dict[str, Sequence[Mapping[str, str]]]:
@@ -139,8 +150,9 @@ class Summary:
 
     def _values(self, row: Row) -> dict[str, Any]:
         """A row as it is written: the video as an absolute path, the table as one from the folder of the summary."""
-        table = row.table.relative_to(self.path.parent).as_posix()
-        return vars(row) | {"video": _as_written(os.path.abspath(row.video)), "table": _as_written(table)}
+        table = _as_written(row.table.relative_to(self.path.parent).as_posix())
+        known = {"video": _as_written(os.path.abspath(row.video)), "table": table}
+        return vars(row) | known | self._added.get(table, {})
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -157,13 +169,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
         names >= {"video", "table", "state", "face_id"},
         f"{path} exists and is not a summary by mien batch; choose another folder with -o, or move it away",
     )
-    return rows if "duration" in names else [_as_now(row, path.parent) for row in rows]
-
-
-def _as_now(row: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """A row with paths as they are written now, of a summary from before it had durations. Those were as given."""
-    table = Path(os.path.relpath(row["table"], folder)).as_posix()
-    return {**row, "video": os.path.abspath(row["video"]), "table": table}
+    return rows
 
 
 def _table_of_first(row: Mapping[str, str]) -> str:
