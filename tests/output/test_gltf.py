@@ -227,6 +227,12 @@ def test_a_track_without_a_mesh_is_refused(tmp_path: Path) -> None:
             track.save_gltf(tmp_path / "head.glb")
     with pytest.raises(MienError, match="lost in every frame"):
         Track.from_estimates([lost(0)], FACE).save_gltf(tmp_path / "head.glb")
+    whole = Track.from_estimates([estimate(0)], FACE)
+    with pytest.raises(MienError, match=r"head\.glb: no row of the track has pose_Rx, .* track the video again"):
+        Track(whole.table.drop_columns(["pose_Rx"]), FACE).save_gltf(tmp_path / "head.glb")
+    for damaged in ({"camera": {}}, {"video": "b.mp4"}):
+        with pytest.raises(MienError, match=r"head\.glb: the `camera` or the `video` of the track is not as mien"):
+            Track(whole.table, FACE | damaged).save_gltf(tmp_path / "head.glb")
     with pytest.raises(MienError, match=r"head\.gltf: mien writes \.glb"):
         Track.from_estimates([estimate(0)], FACE).save_gltf(tmp_path / "head.gltf")
     assert list(tmp_path.iterdir()) == []

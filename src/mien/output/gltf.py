@@ -57,6 +57,11 @@ def write_gltf(track: Track, path: Path) -> None:
             "without its JSON; track the video with a preset such as realtime, and keep the JSON beside the table"
         )
     known = np.isfinite(np.column_stack([t, track.euler_deg, animation])).all(axis=1)
+    require(
+        bool(known.any()),
+        f"{path}: no row of the track has pose_Rx, pose_Ry, pose_Rz, a position and an expression; track the video "
+        "again",
+    )
     vertices, units = rest
     closed = np.zeros(len(track)) if track.eyes_closed is None else np.nan_to_num(track.eyes_closed)
     targets, weights = _morph_targets(vertices, units, animation[known], closed[known])
@@ -164,8 +169,14 @@ def _animation(buffer: _Buffer, time: Array, keys: Mapping[str, Array]) -> dict[
 def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """The camera of the video, at the origin, which looks along -z; with a warning if it does not look through the
     middle of the picture, as glTF's do."""
-    focal_px, width, height = metadata["camera"]["focal_px"], metadata["video"]["width"], metadata["video"]["height"]
-    right, down = metadata["camera"]["cx"] - 0.5 * (width - 1), metadata["camera"]["cy"] - 0.5 * (height - 1)
+    try:
+        focal_px, cx, cy = (float(metadata["camera"][name]) for name in ("focal_px", "cx", "cy"))
+        width, height = (int(metadata["video"][name]) for name in ("width", "height"))
+    except (LookupError, TypeError, ValueError) as error:
+        raise MienError(
+            f"{path}: the `camera` or the `video` of the track is not as mien has written it; track the video again"
+        ) from error
+    right, down = cx - 0.5 * (width - 1), cy - 0.5 * (height - 1)
     if max(abs(right), abs(down)) > 1:
         warn(
             f"{path}: the camera looks through a point {right:+.1f} pixels right and {down:+.1f} down of the middle of "
