@@ -32,7 +32,7 @@ def test_it_writes_what_it_says(demo: tuple[Path, DemoErrors, str]) -> None:
     out, _, said = demo
     written = {Path(line.removeprefix("wrote ")).name for line in said.splitlines() if line.startswith("wrote ")}
     assert written == {p.name for p in out.iterdir()}
-    assert {"track.csv", "track.json", "track.parquet", "overlay.mp4", "plot.png", "truth.npz"} <= written
+    assert {"track.csv", "track.json", "track.parquet", "overlay.mp4", "plot.png", "truth.npz", "head.glb"} <= written
 
 
 def test_video_overlay_track_and_truth_have_the_same_frames(demo: tuple[Path, DemoErrors, str]) -> None:

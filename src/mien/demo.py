@@ -1,4 +1,4 @@
-"""`mien demo`: render a face in known motion, track it, draw and plot the track, and compare it with the truth."""
+"""`mien demo`: render a face in known motion, track it, write all that mien can, and compare it with the truth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOISE_SD = 2.0
 """Standard deviation of the simulated sensor noise, in grey values."""
 
 VIDEO, TRUTH, LANDMARKS = "video.mp4", "truth.npz", "landmarks.json"
-TABLE, OVERLAY, PLOT = "track.csv", "overlay.mp4", "plot.png"
+TABLE, OVERLAY, PLOT, HEAD = "track.csv", "overlay.mp4", "plot.png", "head.glb"
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ def run_demo(
     seconds: float = SECONDS,
     console: Console | None = None,
 ) -> DemoErrors:
-    """Write video, truth, track, overlay and plot to the folder `out`; print and return the errors. Raises MienError if
-    a file of these names is there that is not of an earlier demo."""
+    """Write video, truth, track, overlay, plot and head to the folder `out`; print and return the errors. Raises
+    MienError if a file of these names is there that is not of an earlier demo."""
     console = console or Console()
     _require_own(out)
     require_writable(out / VIDEO)
@@ -61,6 +61,7 @@ def run_demo(
             save=out / TABLE,
             overlay=out / OVERLAY,
             plot=out / PLOT,
+            gltf=out / HEAD,
         )
     errors = compare(result, sequence)
     console.print(_table(errors, len(result)))
@@ -71,7 +72,7 @@ def run_demo(
 
 def _paths(out: Path) -> list[Path]:
     """Every file that is written, in this order."""
-    return [out / VIDEO, out / TRUTH, out / LANDMARKS, *track_paths(out / TABLE), out / OVERLAY, out / PLOT]
+    return [out / VIDEO, out / TRUTH, out / LANDMARKS, *track_paths(out / TABLE), out / OVERLAY, out / PLOT, out / HEAD]
 
 
 def _require_own(out: Path) -> None:
