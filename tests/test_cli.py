@@ -690,6 +690,18 @@ def test_compiled_code_can_be_interrupted(
     assert mien("track", video, "-o", "other.csv", "--landmarks", marks).status == 130
 
 
+def test_an_import_can_be_interrupted(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to Python 3.11 Ctrl-C while a class is defined raises a RuntimeError from it."""
+
+    class Attribute:
+        def __set_name__(self, owner: type, name: str) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("mien.pipeline.landmarks.prepare", lambda *_: type("Imported", (), {"name": Attribute()}))
+    result = mien("landmarks", video)
+    assert (result.status, result.err.splitlines()[-1]) == (130, "mien: interrupted")
+
+
 def test_a_crash_writes_what_was_tracked_and_goes_on(
     video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,7 +51,7 @@ class _Group(TyperGroup):
                 raise
             _print_error(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
             raise typer.Exit(BAD_INPUT) from error
-        except (KeyboardInterrupt, SystemError) as error:
+        except (KeyboardInterrupt, SystemError, RuntimeError) as error:
             if not isinstance(interruption(error), KeyboardInterrupt):
                 raise
             _print_error("mien: interrupted")

@@ -19,7 +19,8 @@ def warn(message: str) -> None:
 def interruption(error: BaseException) -> BaseException:
     """The KeyboardInterrupt in the `__cause__` chain of an error, else the error itself.
 
-    A compiled function that is interrupted raises a SystemError caused by the KeyboardInterrupt.
+    A compiled function that is interrupted raises a SystemError caused by the KeyboardInterrupt, and up to Python 3.11
+    an import a RuntimeError.
     """
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
