@@ -284,7 +284,14 @@ def test_a_landmark_far_off_is_warned_of(off: float, warned: bool, mien: Command
     marks.write_text(json.dumps(values))
     result = mien("track", video, "--landmarks", marks, "-o", "out.csv", "--end", "0.1")
     assert result.status == 0
-    assert ("fit a face only to" in result.err) == warned
+    assert ("fit a face only to" in result.err) == ("point 61 may be wrong" in result.err) == warned
+
+
+def test_landmarks_in_one_place_are_no_face(refused: Callable[..., None], video: Path, marks: Path) -> None:
+    values = json.loads(marks.read_text())
+    marks.write_text(json.dumps(values | {"points": [[5, 5]] * len(values["points"])}))
+    for command in (["track", video, "-o", "out.csv"], ["landmarks", video]):
+        refused([*command, "--landmarks", marks], "the face measures 0.0 pixels")
 
 
 def test_landmarks_overwrites_no_camera(

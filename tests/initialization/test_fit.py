@@ -167,7 +167,7 @@ def test_an_outlier_does_not_pull_the_face() -> None:
 def test_landmarks_that_no_face_has_are_refused() -> None:
     landmarks = _projected(PRIOR.mean, REST, *_pose(7), "ibug68")
     landmarks.points[36] = [-300, -300]
-    with pytest.raises(MienError, match="no face fits the landmarks"):
+    with pytest.raises(MienError, match="no face fits the landmarks; correct point 36, which lies farthest"):
         fit_first_frame(landmarks, CAMERA)
 
 

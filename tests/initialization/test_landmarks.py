@@ -102,6 +102,14 @@ def test_points_outside_the_image_are_refused(corner: tuple[float, float]) -> No
         _spread(corner=corner).check(320, 240)
 
 
+@pytest.mark.parametrize(("scheme", "row", "name"), [("mediapipe478", 61, "61"), ("mediapipe478", 133, "133/155")])
+def test_a_point_far_outside_is_named(scheme: str, row: int, name: str) -> None:
+    landmarks = Landmarks(np.random.default_rng(0).uniform(100, 200, (478, 2)), scheme)
+    landmarks.points[row, 1] = 9999
+    with pytest.raises(MienError, match=rf"lie outside the image of 320x240 pixels, point {name} farthest"):
+        landmarks.check(320, 240)
+
+
 def test_mirrored_landmarks_are_refused() -> None:
     model: Array = Candide.default().mean[VERTICES]
     for pan in np.radians([-80, -40, 0, 40, 80]):

@@ -47,7 +47,7 @@ class FirstFrame:
     """Face model and state of the first frame.
 
     R: (3, 3) head -> camera; t: (3,); animation: (6,); shape: (V, 3) neutral vertices in head axes;
-    coefficients: (M,) of the shape prior; residual_px: root mean square reprojection error of the landmarks;
+    coefficients: (M,) of the shape prior; distances_px: (m,) of the landmarks that are used from the fitted face;
     model: in head axes; R_head_fit: (3, 3), from the axes in which the shape was fitted, see `mien.geometry`; axes_sd:
     (3,) radians, standard deviations of the head axes in tilt, pan and roll.
     """
@@ -57,12 +57,17 @@ class FirstFrame:
     animation: Array
     shape: Array
     coefficients: Array
-    residual_px: float
+    distances_px: Array
     mm_per_unit: float
     model: Candide
     prior: ShapePrior
     R_head_fit: Array
     axes_sd: Array
+
+    @property
+    def residual_px(self) -> float:
+        """Root mean square of `distances_px`."""
+        return float(np.sqrt(np.mean(self.distances_px**2)))
 
     @property
     def sigma(self) -> Array:
@@ -114,10 +119,12 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
     x0 = np.zeros(problem.size)
     x0[3:6] = t
     x = _minimize(problem, x0)
-    residual_px = float(np.sqrt(np.mean(((problem.image(x) - points) ** 2).sum(axis=1))))
+    distances_px = np.linalg.norm(problem.image(x) - points, axis=1)
+    farthest = landmarks.point_names[int(distances_px.argmax())]
     require(
-        bool(residual_px <= LARGEST_MISFIT * np.ptp(points, axis=0).max()),  # not if it is NaN
-        f"{landmarks.source}: no face fits the landmarks; correct points that lie far from where they belong",
+        bool(np.sqrt(np.mean(distances_px**2)) <= LARGEST_MISFIT * np.ptp(points, axis=0).max()),  # not if it is NaN
+        f"{landmarks.source}: no face fits the landmarks; correct point {farthest}, which lies farthest from where it "
+        "belongs, and others that lie far from there",
     )
     R_fit, t = exp(x[:3]) @ R, x[3:6]
     R, axes_sd = most_likely_facing(R_fit, t)
@@ -129,7 +136,7 @@ def fit_first_frame(landmarks: Landmarks, camera: Camera, model: Candide | None 
         animation=x[problem.animation_slice],
         shape=shape,
         coefficients=x[problem.shape_slice],
-        residual_px=residual_px,
+        distances_px=distances_px,
         mm_per_unit=mm_per_unit(shape),
         model=model.turned(R_head_fit),
         prior=prior,

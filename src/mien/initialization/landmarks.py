@@ -177,12 +177,22 @@ class Landmarks:
         depths = None if self.depths is None else self.depths[rows].mean(axis=1)
         return vertices, self.points[rows].mean(axis=1), depths
 
+    @property
+    def point_names(self) -> list[str]:
+        """The numbers, from 0, of the points that are used, in the order of `correspondences`: 33, or 133/155 where
+        that is the midpoint of two."""
+        _, rows = rows_of_scheme(self.scheme)
+        return ["/".join(map(str, dict.fromkeys(pair))) for pair in rows.tolist()]
+
+    def _beyond(self, width: int, height: int) -> Array:
+        """How far the points (m,) that are used lie beyond the border of an image, in pixels; negative inside."""
+        _, points, _ = self.correspondences()
+        return np.asarray(np.maximum(-points, points - [width - 1, height - 1]).max(axis=1))
+
     def are_inside(self, width: int, height: int) -> bool:
         """Whether the face lies inside an image, or hardly beyond its border."""
         _, points, _ = self.correspondences()
-        margin = 0.25 * float(np.ptp(points, axis=0).max())
-        low, high = points.min(axis=0), points.max(axis=0)
-        return bool(low.min() >= -margin and high[0] <= width - 1 + margin and high[1] <= height - 1 + margin)
+        return bool(self._beyond(width, height).max() <= 0.25 * np.ptp(points, axis=0).max())
 
     @property
     def size(self) -> float:
@@ -196,14 +206,16 @@ class Landmarks:
     def check(self, width: int, height: int) -> None:
         """Raise MienError for points outside the image, mirrored landmarks, faces too small to track, and depths that
         are not in pixels."""
+        farthest = self.point_names[int(self._beyond(width, height).argmax())]
         require(
             self.are_inside(width, height),
-            f"{self.source}: landmarks lie outside the image of {width}x{height} pixels; "
+            f"{self.source}: landmarks lie outside the image of {width}x{height} pixels, point {farthest} farthest; "
             "check that they belong to this video",
         )
         require(
             not self._mirrored(),
-            f"{self.source}: the landmarks are mirrored; right is the person's own right, usually on the image's left",
+            f"{self.source}: the landmarks are mirrored, or an outer corner of an eye is far from its place; right is "
+            "the person's own right, usually on the image's left",
         )
         size = self.size
         require(

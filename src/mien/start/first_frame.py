@@ -169,20 +169,22 @@ def _begin_with_landmarks(
         earliest = opening.earliest
         landmarks = read_landmarks(landmarks, earliest.index, earliest.time, (earliest.width, earliest.height))
     first, skipped, later = _frame_of(landmarks, opening.frames, opening.footage.video)
-    _check_fit(landmarks, opening.camera)
     passed = [] if opening.footage.repeatable else skipped
+    begin = replace(opening, frames=later).start(first, landmarks, passed)
+    _check_fit(landmarks, opening.camera)
     for estimate in passed:
         report(estimate)
-    return replace(opening, frames=later).start(first, landmarks, passed)
+    return begin
 
 
 def _check_fit(landmarks: Landmarks, camera: Camera) -> None:
     """Warn if landmarks fit a face only roughly. Raises MienError if they do not at all."""
-    residual = fit_first_frame(landmarks, camera).residual_px
-    if residual > _ROUGH * landmarks.size:
+    fit = fit_first_frame(landmarks, camera)
+    if fit.residual_px > _ROUGH * landmarks.size:
+        farthest = landmarks.point_names[int(fit.distances_px.argmax())]
         warn(
-            f"{landmarks.source}: the landmarks fit a face only to {residual:.1f} pixels; one of them may be wrong: "
-            "mien landmarks with --landmarks draws them with the fitted mesh"
+            f"{landmarks.source}: the landmarks fit a face only to {fit.residual_px:.1f} pixels; point {farthest} may "
+            "be wrong: mien landmarks with --landmarks draws them with the fitted mesh"
         )
 
 
