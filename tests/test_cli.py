@@ -171,7 +171,7 @@ def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Pa
     assert "pixels (root mean square)" in result.out
     assert names(tmp_path) == {video.name, marks.name, "in.landmarks.json", "in.landmarks.png"}
     assert json.loads((tmp_path / "in.landmarks.json").read_text()) == json.loads(marks.read_text())
-    assert cv2.imread("in.landmarks.png").shape == (480, 640, 3)
+    assert 1200 < cv2.imread("in.landmarks.png").shape[1] < 2000
 
 
 def test_landmarks_that_were_corrected_are_not_overwritten(

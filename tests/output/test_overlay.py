@@ -16,7 +16,18 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES
-from mien.output.overlay import HIDDEN, SEEN, FaceOverlay, Mesh, OverlayWriter, Pixels, draw, draw_mesh, save_png
+from mien.output.overlay import (
+    HIDDEN,
+    SEEN,
+    FaceOverlay,
+    Mesh,
+    OverlayWriter,
+    Pixels,
+    _close_up,
+    draw,
+    draw_fit,
+    save_png,
+)
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 CAMERA = Camera.from_fov(320, 240)
@@ -49,10 +60,16 @@ def test_small_frames_are_enlarged_and_the_frame_itself_stays() -> None:
     assert draw(large, [FaceOverlay(_estimate())], CAMERA).shape == (480, 640, 3)
 
 
+def _mesh_alone(mesh: Mesh) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Where a mesh is drawn."""
+    bare = Estimate(4, 0.2, Status.TRACKED)
+    without, shown = (draw(GREY, [FaceOverlay(bare, drawn)], CAMERA).astype(int) for drawn in (None, mesh))
+    return np.abs(shown - without).max(axis=2) > 20
+
+
 def test_the_mesh_lies_on_the_face() -> None:
     mesh = _mesh()
-    changed = _changed(draw_mesh(GREY, mesh.vertices, mesh.triangles, CAMERA))
-    rows, columns = np.nonzero(changed)
+    rows, columns = np.nonzero(_mesh_alone(mesh))
     used = np.unique(mesh.triangles)
     low, high = (f(2 * CAMERA.project(mesh.vertices[used])[0] + 0.5, axis=0) for f in (np.min, np.max))
     assert low[0] - 3 <= columns.min() <= columns.max() <= high[0] + 3
@@ -62,7 +79,22 @@ def test_the_mesh_lies_on_the_face() -> None:
 
 def test_a_mesh_seen_from_behind_or_behind_the_camera_is_not_drawn() -> None:
     for posed in (MODEL.pose(MODEL.mean, np.diag([-1.0, -1, 1]), T), MODEL.pose(MODEL.mean, R, -T)):
-        assert not _changed(draw_mesh(GREY, posed, MODEL.triangles, CAMERA)).any()
+        assert not _mesh_alone(Mesh(posed, MODEL.triangles)).any()
+
+
+@pytest.mark.parametrize("frame", [GREY, Frame(np.full((2160, 3840, 3), 128, dtype=np.uint8))])
+def test_a_fit_is_drawn_from_near_with_the_names_of_its_points(frame: Frame) -> None:
+    mesh, camera = _mesh(), Camera(CAMERA.focal_px, 0.7 * frame.width, 0.4 * frame.height)
+    points, everything = (camera.project(X)[0] for X in (mesh.vertices[VERTICES], mesh.vertices))
+    pictures = [draw_fit(frame, mesh, camera, points, [name] * len(points)) for name in ("", "133/155")]
+    left, top, right, bottom = _close_up(frame, everything)
+    scale = pictures[0].shape[1] / (right - left)
+    assert pictures[0].shape == (scale * (bottom - top), scale * (right - left), 3)
+    assert 1200 < pictures[0].shape[1] < 2000
+    x, y = np.round((points - [left, top]) * scale + (scale - 1) / 2).astype(int).T
+    assert np.abs(pictures[0][y, x].astype(int) - SEEN).max() < 60
+    before, after = (np.count_nonzero(picture.min(axis=2) > 180) for picture in pictures)
+    assert after - before > 30 * len(points)  # of seven letters each
 
 
 @pytest.mark.parametrize(("visibility", "colour", "filled"), [(1.0, SEEN, True), (0.0, HIDDEN, False)])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -20,11 +20,13 @@ from mien.files import create_temporary, move_into_place, named_errors, reason_o
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.graphics import Graphics
-from mien.initialization.landmarks import LANDMARK_VERTICES
+from mien.initialization.landmarks import LANDMARK_VERTICES, place_of
 from mien.tracking.state import Estimate, TrackedLandmarks
 
 SMALLEST_WIDTH = 640
 """Narrower frames are enlarged by an integer factor before drawing, so that the mesh lines stay thin."""
+_CLOSE_UP_WIDTH, _NAME_SIZE = 1600, 0.4
+"""Width in pixels of a picture of one face, and size of the names of points in it."""
 _LARGEST_SIDE = 16384
 """Width and height, in pixels, beyond which the encoder takes no image: larger ones are scaled down."""
 MESH, GRAPHICS = (120, 220, 255), (255, 90, 220)
@@ -80,25 +82,28 @@ def draw(frame: Frame, faces: Iterable[FaceOverlay], camera: Camera) -> Pixels:
     return canvas
 
 
-def draw_mesh(
+def draw_fit(
     frame: Frame,
-    vertices: Array,
-    triangles: NDArray[np.intp],
+    mesh: Mesh,
     camera: Camera,
-    landmarks: Array | None = None,
+    landmarks: Array,
+    names: Sequence[str],
     graphics: Graphics | None = None,
 ) -> Pixels:
-    """Draw the fitted mesh, vertices (V, 3) in camera axes and triangles (T, 3), the landmarks (n, 2) in pixels, and
-    the outlines of graphics, for visual inspection."""
-    canvas, scale = _enlarge(frame)
+    """Draw a fitted mesh, the landmarks (n, 2) in pixels with their names, and the outlines of graphics, on the face of
+    the frame, so large that the names can be read."""
+    left, top, right, bottom = _close_up(frame, np.vstack([landmarks, camera.project(mesh.vertices)[0]]))
+    part = Frame(frame.pixels[top:bottom, left:right])
+    canvas, scale = _enlarge(part, _CLOSE_UP_WIDTH)
     if graphics is not None:
         mask = cv2.resize(graphics.mask.astype(np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
-        place = (graphics.x * scale, graphics.y * scale)
+        place = ((graphics.x - left) * scale, (graphics.y - top) * scale)
         outlines = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE, offset=place)[0]
         cv2.polylines(canvas, outlines, True, GRAPHICS, 1, cv2.LINE_AA)
-    _draw_mesh(canvas, Mesh(vertices, triangles), camera, scale)
-    if landmarks is not None:
-        _draw_points(canvas, landmarks * scale + (scale - 1) / 2, [SEEN] * len(landmarks))
+    _draw_mesh(canvas, mesh, replace(camera, cx=camera.cx - left, cy=camera.cy - top), scale)
+    points = (landmarks - [left, top]) * scale + (scale - 1) / 2
+    _draw_points(canvas, points, [SEEN] * len(points))
+    _draw_point_names(canvas, points, names)
     return canvas
 
 
@@ -202,9 +207,17 @@ def _no_larger(pixels: Pixels) -> Pixels:
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _enlarge(frame: Frame) -> tuple[Pixels, int]:
-    """A copy of the frame to draw on, and the factor by which it is enlarged."""
-    scale = max(1, round(SMALLEST_WIDTH / frame.width))
+def _close_up(frame: Frame, points: Array) -> tuple[int, int, int, int]:
+    """The part of a frame with a face of points (n, 2): the column and the row where it begins, and where it ends."""
+    centre, size = place_of(points)
+    low, high = np.floor(centre - 0.6 * size), np.ceil(centre + 0.6 * size)
+    left, top = (max(int(v), 0) for v in low)
+    return left, top, min(int(high[0]), frame.width), min(int(high[1]), frame.height)
+
+
+def _enlarge(frame: Frame, width: int = SMALLEST_WIDTH) -> tuple[Pixels, int]:
+    """A copy of the frame to draw on, and the factor by which it is enlarged to have about this width."""
+    scale = max(1, round(width / frame.width))
     if scale == 1:
         return np.array(frame.pixels), 1
     size = (frame.width * scale, frame.height * scale)
@@ -259,6 +272,17 @@ def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int
         else:
             cv2.circle(canvas, centre, r + 14, (20, 30, 40), -1, cv2.LINE_AA, _SHIFT)
             cv2.circle(canvas, centre, r, colour, -1, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_point_names(canvas: Pixels, points: Array, names: Sequence[str]) -> None:
+    """Draw the names of points (n, 2) to their right, or to their left where another point is close by."""
+    for point, name in zip(points, names, strict=True):
+        (width, height), _ = cv2.getTextSize(name, _FONT, _NAME_SIZE, 1)
+        across, down = (points - point).T
+        close = np.any((across > 0) & (across < width) & (np.abs(down) < height))
+        corner = int(point[0] + (-width - height if close else height)), int(point[1] + height // 2)
+        for colour, thickness in (((20, 30, 40), 3), (TEXT, 1)):
+            cv2.putText(canvas, name, corner, _FONT, _NAME_SIZE, colour, thickness, cv2.LINE_AA)
 
 
 def _axes_origin(estimate: Estimate, mesh: Mesh | None) -> Array | None:

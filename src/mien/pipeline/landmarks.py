@@ -40,7 +40,7 @@ def write_first_frame(
     output: a `.json`, or a `.pts` of given landmarks; plot: a `.png`, by default beside the landmarks. The other
     arguments are those of `mien.track`. Raises MienError for bad input, and if no face is found.
     """
-    from mien.output.overlay import draw_mesh, save_png
+    from mien.output.overlay import Mesh, draw_fit, save_png
 
     output, picture = Path(output), Path(output).with_suffix(".png") if plot is None else Path(plot)
     require_ending(picture, (".png",))
@@ -51,14 +51,14 @@ def write_first_frame(
     begin = prepare(Footage(open_video(video, fps), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
-    vertices = fit.model.pose(fit.vertices(), fit.R, fit.t)
+    mesh = Mesh(fit.model.pose(fit.vertices(), fit.R, fit.t), fit.model.triangles)
     is_new = not output.exists()
     if is_new:
         write_landmarks(output, begin.landmarks)
     elif not is_given:
         _require_same(output, begin.landmarks)
-    graphics = begin.landmarks.graphics
-    save_png(picture, draw_mesh(begin.first, vertices, fit.model.triangles, begin.camera, points, graphics))
+    names, graphics = begin.landmarks.point_names, begin.landmarks.graphics
+    save_png(picture, draw_fit(begin.first, mesh, begin.camera, points, names, graphics))
     return fit, [output, picture] if is_new else [picture]
 
 
