@@ -25,7 +25,8 @@ from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
 from mien.output.overlay import OverlayWriter
 from mien.output.summary import Row
-from mien.output.track import ENDINGS, Track
+from mien.output.track import Track
+from mien.output.track_files import ENDINGS
 from mien.processes import Command
 from mien.start.footage import requested_options
 from mien.tracking.state import Estimate, Status

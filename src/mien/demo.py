@@ -16,7 +16,8 @@ from mien.files import require_writable, whole_file
 from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
 from mien.output.overlay import OverlayWriter, is_overlay
-from mien.output.track import Track, track_paths
+from mien.output.track import Track
+from mien.output.track_files import track_paths
 from mien.pipeline.track import track
 from mien.synthetic import FPS, Portrait, SyntheticSequence, make_sequence, moved, portrait
 

@@ -21,7 +21,9 @@ from mien.frame import Frame
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
 from mien.output import columns
 from mien.output.columns import EYES_CLOSED_SD, ROTATION
-from mien.output.track import BATCH, Recorder, Track, track_paths
+from mien.output.recorder import BATCH, Recorder
+from mien.output.track import Track
+from mien.output.track_files import track_paths
 from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 
 
@@ -292,7 +294,7 @@ def test_recorder_joins_batches_whose_columns_differ(tmp_path: Path) -> None:
             recorder.add(estimate(i, covariance=False))
         for i in range(BATCH, BATCH + 5):
             recorder.add(estimate(i))
-        track = recorder.track({})
+        track = Track(recorder.table())
     assert track.index.tolist() == list(range(BATCH + 5))
     assert track.euler_sd_deg is not None
     assert np.isnan(track.euler_sd_deg[:BATCH]).all()
@@ -303,9 +305,9 @@ def test_recorder_joins_batches_whose_columns_differ(tmp_path: Path) -> None:
 def test_recorder_can_give_what_there_is_and_go_on() -> None:
     with Recorder() as recorder:
         recorder.add(estimate(0))
-        assert len(recorder.track({})) == 1
+        assert len(recorder.table()) == 1
         recorder.add(estimate(1))
-        assert len(recorder.track({})) == 2
+        assert len(recorder.table()) == 2
 
 
 def test_nothing_tracked_is_an_error() -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from mien.errors import require, warn
 from mien.files import exists, real_path, require_ending, require_writable, size_of
-from mien.output.track import GLTF_ENDINGS, PLOT_ENDINGS, Track, is_table_of_track, track_paths
+from mien.output.track import Track
+from mien.output.track_files import GLTF_ENDINGS, PLOT_ENDINGS, is_table_of_track, track_paths
 from mien.video import refuse_among_images
 
 OVERLAY_ENDINGS = (".mp4",)

@@ -1,32 +1,22 @@
-"""The estimates of a whole video as one table, and their files."""
+"""The estimates of a whole video as one table."""
 
 from __future__ import annotations
 
 import itertools
-import json
-import math
-import mmap
-import tempfile
-from array import array
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from csv import Error as CSVError
-from csv import reader, writer
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from io import StringIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, with_eyes_closed
-from mien.csv_files import opened_csv
 from mien.errors import MienError, require
-from mien.files import json_text, named_errors, require_ending, whole_file
+from mien.files import require_ending, whole_file
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.output.columns import (
     ANIMATION_SD,
@@ -34,26 +24,27 @@ from mien.output.columns import (
     ROTATION,
     ROTATION_SD,
     TRANSLATION,
-    column_type,
     estimate_from_row,
-    import_pandas,
     mark_lost,
     move_along_rays,
     rotate_rows,
-    sort_columns,
-    table_from_estimates,
+)
+from mien.output.recorder import BATCH, Recorder
+from mien.output.track_files import (
+    ENDINGS,
+    GLTF_ENDINGS,
+    PLOT_ENDINGS,
+    read_metadata,
+    read_table,
+    track_paths,
+    write_csv,
+    write_json,
+    write_parquet,
 )
 from mien.tracking.state import EYES_CLOSED, Estimate, Status
 
 if TYPE_CHECKING:
     import pandas as pd
-
-ENDINGS = (".csv", ".json", ".parquet")
-PLOT_ENDINGS = (".png", ".pdf", ".svg")
-GLTF_ENDINGS = (".glb",)
-_IN_EVERY_ROW = {"frame", "timestamp", "confidence", "success", "status"}
-BATCH = 256
-"""Number of estimates that the recorder buffers in memory before it writes them to its file."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +70,7 @@ class Track:
                 )
                 recorder.add(estimate)
             known = {"landmark_names": list(recorder.landmark_names), "mm_per_unit": recorder.mm_per_unit}
-            return recorder.track(known | dict(metadata or {}))
+            return cls(recorder.table(), known | dict(metadata or {}))
 
     def __len__(self) -> int:
         return int(self.table.num_rows)
@@ -240,11 +231,11 @@ class Track:
 
         Raises MienError if they cannot be written.
         """
-        paths = track_paths(path)
-        writers = (self._write_csv, self._write_json, self._write_parquet)
+        paths = csv, settings, parquet = track_paths(path)
         with ExitStack() as stack:  # files are renamed in reverse order: if the CSV exists, so do the others
-            for final, write in zip(paths, writers, strict=True):
-                write(stack.enter_context(whole_file(final)))
+            write_csv(self.table, stack.enter_context(whole_file(csv)))
+            write_json(self.metadata, stack.enter_context(whole_file(settings)))
+            write_parquet(self.table, stack.enter_context(whole_file(parquet)))
         return paths
 
     @classmethod
@@ -258,24 +249,7 @@ class Track:
         path = path if ending in ENDINGS else track_paths(path)[0]
         require(path.is_file(), f"{path}: no such file; check the name")
         require(ending != ".json", f"{path} contains the settings; read the .csv or .parquet beside it")
-        import_pandas()
-        reading, beside = path, path.with_suffix(".json")
-        try:
-            table = _read_parquet(path) if ending == ".parquet" else _read_csv(path)
-            reading = beside
-            metadata = json.loads(beside.read_text(encoding="utf-8-sig")) if beside.is_file() else {}
-        except (pa.ArrowException, OSError, ValueError, CSVError) as error:
-            raise MienError(f"{reading} is not a track of mien ({error}); track the video again") from error
-        several = ", ".join(repr(name) for name, count in Counter(table.column_names).items() if count > 1)
-        require(not several, f"{path} has several columns {several}; rename or delete all but one")
-        missing = _IN_EVERY_ROW - set(table.column_names)
-        require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
-        empty = sorted(name for name in _IN_EVERY_ROW if table.column(name).null_count)
-        require(not empty, f"{path}: a cell of the column {', '.join(empty)} is empty; fill it, or delete the row")
-        unknown = set(table.column("status").to_pylist()) - {status.value for status in Status}
-        require(not unknown, f"{path}: unknown status {', '.join(map(str, sorted(unknown)))}; correct it")
-        require(isinstance(metadata, dict), f"{beside} is not the JSON of a track of mien; track the video again")
-        return cls(table, metadata)
+        return cls(read_table(path), read_metadata(path.with_suffix(".json")))
 
     def plot(self, path: str | Path) -> Path:
         """Plot angles and animation units over time to a PNG, PDF or SVG file, by its suffix."""
@@ -308,148 +282,8 @@ class Track:
             return None
         return _fixed(np.stack([self._numbers(n) for n in names], axis=-1))
 
-    def _write_csv(self, path: Path) -> None:
-        from pyarrow import compute, csv
-
-        text = [field.name for field in self.table.schema if pa.types.is_string(field.type)]
-        special = (compute.match_substring_regex(self.table.column(name), '[",\r\n]') for name in text)
-        quoting = "needed" if any(compute.any(found).as_py() for found in special) else "none"
-        options = csv.WriteOptions(include_header=False, quoting_style=quoting)
-        with path.open("wb") as f:
-            header = StringIO()
-            writer(header, lineterminator="\n").writerow(self.table.column_names)
-            f.write(header.getvalue().encode())
-            csv.write_csv(self.table, f, options)
-
-    def _write_json(self, path: Path) -> None:
-        path.write_text(json_text(self.metadata), encoding="utf-8")
-
-    def _write_parquet(self, path: Path) -> None:
-        from pyarrow import parquet
-
-        with path.open("wb") as stream:  # see `_read_csv`
-            parquet.write_table(self.table, stream, row_group_size=16 * BATCH)  # bounds the memory
-
-
-class Recorder:
-    """Collects estimates in an unnamed temporary file, so that memory does not grow with the video.
-
-    The file is in the folder of `path`, if given, and disappears with the process, however that ends. face_id: index
-    of the face in the video.
-    """
-
-    def __init__(self, path: Path | None = None, face_id: int = 0) -> None:
-        self.path = path or Path(tempfile.gettempdir())
-        self.face_id = face_id
-        self.count = 0
-        self.last_index = -1
-        self.landmark_names: tuple[str, ...] = ()
-        self.mm_per_unit = 1.0
-        self._buffer: list[Estimate] = []
-        self._model_rotations = array("d")
-        with named_errors(self.path):
-            folder = None if path is None else path.parent
-            self._file: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by __exit__
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # on a full disk, flushing the buffer fails; its content is no longer needed
-            self._file.close()
-
-    def add(self, estimate: Estimate) -> None:
-        """Append one row."""
-        self._buffer.append(estimate)
-        R = estimate.model_rotation
-        self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
-        if estimate.landmarks is not None:
-            self.landmark_names = estimate.landmarks.names
-        if estimate.status.success:
-            self.mm_per_unit = estimate.mm_per_unit
-        self.count += 1
-        self.last_index = estimate.index
-        if len(self._buffer) >= BATCH:
-            self._flush()
-
-    @property
-    def model_rotations(self) -> Array:
-        """(n, 3, 3) `Estimate.model_rotation` of all rows, NaN where there is none."""
-        return np.array(self._model_rotations).reshape(-1, 3, 3)
-
-    def track(self, metadata: Mapping[str, Any]) -> Track:
-        """The track of all rows so far; they stay in the file and are read on demand."""
-        require(self.count > 0, "there is nothing to write, as no frame was tracked")
-        self._flush()
-        content = pa.BufferReader(pa.py_buffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)))
-        tables = []
-        while content.tell() < content.size():
-            tables.append(pa.ipc.open_stream(content).read_all())
-        table = pa.concat_tables(tables, promote_options="default")
-        return Track(table.select(sort_columns(table.column_names)), metadata)
-
-    def _flush(self) -> None:
-        """Each batch has its own schema, as the estimated quantities may change during a video."""
-        if self._buffer:
-            table = table_from_estimates(self._buffer, self.face_id)
-            with named_errors(self.path):
-                with pa.ipc.new_stream(self._file, table.schema) as stream:
-                    stream.write_table(table)
-                self._file.flush()
-            self._buffer.clear()
-
 
 def _fixed(values: Array) -> Array:
     """The array, which can no longer be written to: the properties of a track are views of its table."""
     values.setflags(write=False)
     return values
-
-
-def is_table_of_track(path: Path) -> bool:
-    """Whether a CSV or a Parquet file has the columns that every table of mien has."""
-    try:
-        if path.suffix.lower() == ".parquet":
-            from pyarrow import parquet
-
-            with path.open("rb") as stream:
-                return set(parquet.read_schema(stream).names) >= _IN_EVERY_ROW
-        with opened_csv(path) as file:
-            return {name.strip() for name in next(reader(file), [])} >= _IN_EVERY_ROW
-    except (OSError, ValueError, CSVError, pa.ArrowException):
-        return False
-
-
-def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
-    """The paths NAME.csv, NAME.json and NAME.parquet, given NAME or one of the three."""
-    path = Path(path)
-    name = path.name.removesuffix(path.suffix) if path.suffix.lower() in ENDINGS else path.name
-    require(bool(name), f"{path} is not the name of a file; give one such as out.csv")
-    csv, settings, parquet = (path.with_name(name + ending) for ending in ENDINGS)
-    return csv, settings, parquet
-
-
-def _read_csv(path: Path) -> pa.Table:
-    """The table of a CSV, possibly rewritten by R, pandas or a spreadsheet, with additional columns."""
-    from pyarrow import csv
-
-    with opened_csv(path) as file:
-        names = [n.strip() for n in next(reader(file), [])]
-        content = file.getvalue().encode() if isinstance(file, StringIO) else path.read_bytes()
-    types = {n: known for n in names if (known := column_type(n)) is not None}
-    # pandas writes whole numbers as 1.0 once a column has had gaps.
-    read_as = {n: pa.float64() if known == pa.int64() else known for n, known in types.items()}
-    missing = ["", "NA", "NaN", "nan"]
-    options = csv.ConvertOptions(column_types=read_as, null_values=missing, strings_can_be_null=True)
-    # Not by its path: PyArrow opens no file whose name is not UTF-8.
-    table = csv.read_csv(
-        pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
-    )
-    read = zip(names, table.schema.types, strict=True)
-    return table.cast(pa.schema([(n, types.get(n, kind)) for n, kind in read]))
-
-
-def _read_parquet(path: Path) -> pa.Table:
-    from pyarrow import parquet
-
-    with path.open("rb") as stream:
-        return parquet.read_table(stream)

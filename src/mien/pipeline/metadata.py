@@ -10,7 +10,7 @@ import numpy as np
 
 from mien._version import __version__
 from mien.candide.model import TRACKED_UNITS
-from mien.output.track import Recorder
+from mien.output.recorder import Recorder
 from mien.start.first_frame import Start
 from mien.start.footage import requested_options
 from mien.tracking.abilities import FittedTracker, axes_of, settings_of

@@ -13,7 +13,8 @@ from mien.errors import MienError, interruption, warn
 from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import Landmarks
 from mien.output.destination import Destination
-from mien.output.track import Recorder, Track
+from mien.output.recorder import Recorder
+from mien.output.track import Track
 from mien.output.window import Window
 from mien.pipeline.drawing import drawing
 from mien.pipeline.metadata import metadata
@@ -147,9 +148,8 @@ def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> 
     """The recorded track, with its rotations in the head axes, and its landmarks in space with the shape, as the
     tracker finally knows them."""
     tracker, axes = learned.tracker, axes_of(learned.tracker)
-    track = recorder.track(
-        metadata(learned.begin, learned.preset, tracker, recorder, learned.number, learned.face_id, stopped)
-    )
+    known = metadata(learned.begin, learned.preset, tracker, recorder, learned.number, learned.face_id, stopped)
+    track = Track(recorder.table(), known)
     track = track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
     return track if axes is None else track.turned(axes.report_anew())  # last, as it is told only once
 

@@ -1,0 +1,91 @@
+"""The estimates of a running track, collected on disk."""
+
+from __future__ import annotations
+
+import math
+import mmap
+import tempfile
+from array import array
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import pyarrow as pa
+
+from mien.arrays import Array
+from mien.errors import require
+from mien.files import named_errors
+from mien.output.columns import sort_columns, table_from_estimates
+from mien.tracking.state import Estimate
+
+BATCH = 256
+"""Number of estimates that the recorder buffers in memory before it writes them to its file."""
+
+
+class Recorder:
+    """Collects estimates in an unnamed temporary file, so that memory does not grow with the video.
+
+    The file is in the folder of `path`, if given, and disappears with the process, however that ends. face_id: index
+    of the face in the video.
+    """
+
+    def __init__(self, path: Path | None = None, face_id: int = 0) -> None:
+        self.path = path or Path(tempfile.gettempdir())
+        self.face_id = face_id
+        self.count = 0
+        self.last_index = -1
+        self.landmark_names: tuple[str, ...] = ()
+        self.mm_per_unit = 1.0
+        self._buffer: list[Estimate] = []
+        self._model_rotations = array("d")
+        with named_errors(self.path):
+            folder = None if path is None else path.parent
+            self._file: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by __exit__
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # on a full disk, flushing the buffer fails; its content is no longer needed
+            self._file.close()
+
+    def add(self, estimate: Estimate) -> None:
+        """Append one row."""
+        self._buffer.append(estimate)
+        R = estimate.model_rotation
+        self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
+        if estimate.landmarks is not None:
+            self.landmark_names = estimate.landmarks.names
+        if estimate.status.success:
+            self.mm_per_unit = estimate.mm_per_unit
+        self.count += 1
+        self.last_index = estimate.index
+        if len(self._buffer) >= BATCH:
+            self._flush()
+
+    @property
+    def model_rotations(self) -> Array:
+        """(n, 3, 3) `Estimate.model_rotation` of all rows, NaN where there is none."""
+        return np.array(self._model_rotations).reshape(-1, 3, 3)
+
+    def table(self) -> pa.Table:
+        """The table of all rows so far; they stay in the file and are read on demand."""
+        require(self.count > 0, "there is nothing to write, as no frame was tracked")
+        self._flush()
+        content = pa.BufferReader(pa.py_buffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)))
+        tables = []
+        while content.tell() < content.size():
+            tables.append(pa.ipc.open_stream(content).read_all())
+        table = pa.concat_tables(tables, promote_options="default")
+        return table.select(sort_columns(table.column_names))
+
+    def _flush(self) -> None:
+        """Each batch has its own schema, as the estimated quantities may change during a video."""
+        if self._buffer:
+            table = table_from_estimates(self._buffer, self.face_id)
+            with named_errors(self.path):
+                with pa.ipc.new_stream(self._file, table.schema) as stream:
+                    stream.write_table(table)
+                self._file.flush()
+            self._buffer.clear()

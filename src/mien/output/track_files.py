@@ -1,0 +1,135 @@
+"""The files of a track: NAME.csv, NAME.json and NAME.parquet, how they are recognised, read and written."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from csv import Error as CSVError
+from csv import reader, writer
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from mien.csv_files import opened_csv
+from mien.errors import MienError, require
+from mien.files import json_text
+from mien.output.columns import column_type, import_pandas
+from mien.tracking.state import Status
+
+ENDINGS = (".csv", ".json", ".parquet")
+PLOT_ENDINGS = (".png", ".pdf", ".svg")
+GLTF_ENDINGS = (".glb",)
+_IN_EVERY_ROW = {"frame", "timestamp", "confidence", "success", "status"}
+_ROW_GROUP = 4096
+"""Number of rows of a Parquet file that are written, and read, at once, which bounds the memory."""
+_NOT_READ = (pa.ArrowException, OSError, ValueError, CSVError)
+"""What the readers of files raise."""
+
+
+def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
+    """The paths NAME.csv, NAME.json and NAME.parquet, given NAME or one of the three."""
+    path = Path(path)
+    name = path.name.removesuffix(path.suffix) if path.suffix.lower() in ENDINGS else path.name
+    require(bool(name), f"{path} is not the name of a file; give one such as out.csv")
+    csv, settings, parquet = (path.with_name(name + ending) for ending in ENDINGS)
+    return csv, settings, parquet
+
+
+def is_table_of_track(path: Path) -> bool:
+    """Whether a CSV or a Parquet file has the columns that every table of mien has."""
+    try:
+        if path.suffix.lower() == ".parquet":
+            from pyarrow import parquet
+
+            with path.open("rb") as stream:
+                return set(parquet.read_schema(stream).names) >= _IN_EVERY_ROW
+        with opened_csv(path) as file:
+            return {name.strip() for name in next(reader(file), [])} >= _IN_EVERY_ROW
+    except _NOT_READ:
+        return False
+
+
+def read_table(path: Path) -> pa.Table:
+    """The table of a `.csv` or `.parquet` file. Raises MienError if it is not that of a track."""
+    import_pandas()
+    try:
+        table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_csv(path)
+    except _NOT_READ as error:
+        raise MienError(f"{path} is not a track of mien ({error}); track the video again") from error
+    several = ", ".join(repr(name) for name, count in Counter(table.column_names).items() if count > 1)
+    require(not several, f"{path} has several columns {several}; rename or delete all but one")
+    missing = _IN_EVERY_ROW - set(table.column_names)
+    require(not missing, f"{path} is not a track of mien: it lacks the columns {sorted(missing)}")
+    empty = sorted(name for name in _IN_EVERY_ROW if table.column(name).null_count)
+    require(not empty, f"{path}: a cell of the column {', '.join(empty)} is empty; fill it, or delete the row")
+    unknown = set(table.column("status").to_pylist()) - {status.value for status in Status}
+    require(not unknown, f"{path}: unknown status {', '.join(map(str, sorted(unknown)))}; correct it")
+    return table
+
+
+def read_metadata(path: Path) -> dict[str, Any]:
+    """The content of a NAME.json, empty if there is no such file. Raises MienError if it is another's."""
+    try:
+        metadata = json.loads(path.read_text(encoding="utf-8-sig")) if path.is_file() else {}
+    except (OSError, ValueError) as error:
+        raise MienError(f"{path} is not a track of mien ({error}); track the video again") from error
+    require(isinstance(metadata, dict), f"{path} is not the JSON of a track of mien; track the video again")
+    return dict(metadata)
+
+
+def write_csv(table: pa.Table, path: Path) -> None:
+    """Write a NAME.csv, in which only what needs it is quoted."""
+    from pyarrow import compute, csv
+
+    text = [field.name for field in table.schema if pa.types.is_string(field.type)]
+    special = (compute.match_substring_regex(table.column(name), '[",\r\n]') for name in text)
+    quoting = "needed" if any(compute.any(found).as_py() for found in special) else "none"
+    options = csv.WriteOptions(include_header=False, quoting_style=quoting)
+    with path.open("wb") as f:
+        header = StringIO()
+        writer(header, lineterminator="\n").writerow(table.column_names)
+        f.write(header.getvalue().encode())
+        csv.write_csv(table, f, options)
+
+
+def write_json(metadata: Mapping[str, Any], path: Path) -> None:
+    """Write a NAME.json."""
+    path.write_text(json_text(metadata), encoding="utf-8")
+
+
+def write_parquet(table: pa.Table, path: Path) -> None:
+    """Write a NAME.parquet."""
+    from pyarrow import parquet
+
+    with path.open("wb") as stream:  # see `_read_csv`
+        parquet.write_table(table, stream, row_group_size=_ROW_GROUP)
+
+
+def _read_csv(path: Path) -> pa.Table:
+    """The table of a CSV, possibly rewritten by R, pandas or a spreadsheet, with additional columns."""
+    from pyarrow import csv
+
+    with opened_csv(path) as file:
+        names = [n.strip() for n in next(reader(file), [])]
+        content = file.getvalue().encode() if isinstance(file, StringIO) else path.read_bytes()
+    types = {n: known for n in names if (known := column_type(n)) is not None}
+    # pandas writes whole numbers as 1.0 once a column has had gaps.
+    read_as = {n: pa.float64() if known == pa.int64() else known for n, known in types.items()}
+    missing = ["", "NA", "NaN", "nan"]
+    options = csv.ConvertOptions(column_types=read_as, null_values=missing, strings_can_be_null=True)
+    # Not by its path: PyArrow opens no file whose name is not UTF-8.
+    table = csv.read_csv(
+        pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
+    )
+    read = zip(names, table.schema.types, strict=True)
+    return table.cast(pa.schema([(n, types.get(n, kind)) for n, kind in read]))
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    from pyarrow import parquet
+
+    with path.open("rb") as stream:
+        return parquet.read_table(stream)
