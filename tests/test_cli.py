@@ -385,6 +385,14 @@ def test_rotation_metadata(mien: Command, marks: Path, tmp_path: Path) -> None:
     assert np.abs(Track.read(tmp_path / "out.csv").euler_deg[:, 2]).max() < 15
 
 
+@pytest.mark.parametrize("interlaced", [0, 1])
+def test_interlaced_video_is_noted(interlaced: int, mien: Command, marks: Path, tmp_path: Path) -> None:
+    how = {"x264-params": f"interlaced={interlaced}"}
+    path = write_video(tmp_path / "tv.mp4", portrait_images(), codec="libx264", pix_fmt="yuv420p", options=how)
+    assert mien("track", path, "-o", "out.csv", "--landmarks", marks).status == 0
+    assert json.loads((tmp_path / "out.json").read_text())["video"]["interlaced"] is bool(interlaced)
+
+
 @pytest.mark.parametrize("pix_fmt", ["gray", "bgra", "gray16le"])
 def test_other_kinds_of_pixels(mien: Command, marks: Path, tmp_path: Path, pix_fmt: str) -> None:
     gray = [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in portrait_images(3)]

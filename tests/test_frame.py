@@ -105,6 +105,7 @@ def test_of_an_interlaced_picture_the_upper_field_is_seen_where_it_is(
             turn_by_metadata(path)
         shown.append(frames_of(path)[1])
     plain, seen = shown
+    assert (plain.interlaced, seen.interlaced) == (False, True)
     for picture, expected in ((seen.gray, plain.gray), (seen.pixels[..., 1], plain.pixels[..., 1])):
         assert picture.shape == expected.shape
         np.testing.assert_allclose(_centre(picture), _centre(expected), atol=0.05)

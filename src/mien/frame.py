@@ -51,6 +51,11 @@ class Frame:
         """Pickle the RGB pixels: a decoded image cannot leave its process."""
         return Frame, (self.pixels, self.index, self.time), {"graphics": self.graphics}
 
+    @property
+    def interlaced(self) -> bool:
+        """Whether it shows one of the two fields of a decoded image."""
+        return isinstance(self.image, Decoded) and self.image.interlaced
+
     @cached_property
     def pixels(self) -> Pixels:
         """(H, W, 3) uint8 RGB."""
@@ -111,6 +116,11 @@ class Decoded:
         return self.display.orientation(self.image)
 
     @property
+    def interlaced(self) -> bool:
+        """Whether the image has two fields, as far as its stream says so."""
+        return bool(self.image.interlaced_frame)
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Height and width of the upright image."""
         height, width = self._size_with_square_pixels
@@ -125,7 +135,7 @@ class Decoded:
     def rgb(self) -> Pixels:
         """(H, W, 3) uint8."""
         height, width = self._size_with_square_pixels
-        rows = int(self.image.height) if self.image.interlaced_frame else height  # scaling would mix the fields
+        rows = int(self.image.height) if self.interlaced else height  # scaling would mix the fields
         with _converting:
             converted = self.display.converter.reformat(self.image, width, rows, format="rgb24")
         pixels = self._of_one_moment(np.asarray(converted.to_ndarray(), np.uint8))
@@ -145,7 +155,7 @@ class Decoded:
 
     def _of_one_moment(self, pixels: Pixels) -> Pixels:
         """Decoded pixels (H, W, ..), without the lower field if they are interlaced."""
-        return upper_field(pixels) if self.image.interlaced_frame else pixels
+        return upper_field(pixels) if self.interlaced else pixels
 
     def _upright(self, pixels: Pixels) -> Pixels:
         """View of decoded pixels, mirrored and rotated for display."""

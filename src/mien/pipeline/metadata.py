@@ -35,6 +35,7 @@ def metadata(
             "width": begin.first.width,
             "height": begin.first.height,
             "fps": video.fps,
+            "interlaced": begin.first.interlaced,
         },
         "preset": preset,
         "passes": number,
