@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -65,18 +66,21 @@ def resample(frame: Frame, to_image: Array, size: int, scale: float, blur: float
     to_image: (3, 3) homography from the pixels of the result to those of the frame; scale: pixels of the result for one
     of the frame; blur: standard deviation in pixels of the result. The cost does not depend on the size of the frame.
     """
-    gray, (x0, y0), shrink = _region(frame, to_image, size, scale)
+    x, y, w = to_image.tolist()  # its rows; for a few numbers faster than NumPy
+    gray, (x0, y0), shrink = _region(frame, (x, y, w), size, scale)
     half = 0.5 * (1 - shrink)  # the middle of what becomes a pixel
-    within = np.array([[1, 0, half - x0], [0, 1, half - y0], [0, 0, shrink]]) @ to_image
+    to_gray = [[a + (half - o) * c for a, c in zip(row, w, strict=True)] for row, o in ((x, x0), (y, y0))]
     out = np.empty((size, size), np.float32)
-    _resample(gray, within, out)
+    _resample(gray, np.array([*to_gray, [shrink * c for c in w]]), out)
     return blurred(out, blur)
 
 
-def _region(frame: Frame, to_image: Array, size: int, scale: float) -> tuple[Pixels, tuple[int, int], int]:
+def _region(
+    frame: Frame, rows: Sequence[Sequence[float]], size: int, scale: float
+) -> tuple[Pixels, tuple[int, int], int]:
     """The grey pixels that `resample` needs, at least two each way, their origin in the frame, and the factor by which
-    they were shrunk against aliasing."""
-    points = [_mapped(to_image, u, v) for u in (0, size - 1) for v in (0, size - 1)]
+    they were shrunk against aliasing. rows: of the homography to the frame."""
+    points = [_mapped(rows, u, v) for u in (0, size - 1) for v in (0, size - 1)]
     least, most = map(min, zip(*points, strict=True)), map(max, zip(*points, strict=True))
     limits = frame.width, frame.height
     x0, y0 = (int(min(max(a - _MARGIN, 0), n - 1)) for a, n in zip(least, limits, strict=True))
@@ -94,11 +98,11 @@ def _region(frame: Frame, to_image: Array, size: int, scale: float) -> tuple[Pix
     return region, (x0, y0), shrink
 
 
-def _mapped(homography: Array, u: float, v: float) -> tuple[float, float]:
-    """A point by a homography (3, 3)."""
-    x, y, w = (a * u + b * v + c for a, b, c in homography.tolist())
-    w = max(w, _AHEAD)
-    return x / w, y / w
+def _mapped(rows: Sequence[Sequence[float]], u: float, v: float) -> tuple[float, float]:
+    """A point by the rows of a homography."""
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    w = max(g * u + h * v + i, _AHEAD)
+    return (a * u + b * v + c) / w, (d * u + e * v + f) / w
 
 
 @kernel()
