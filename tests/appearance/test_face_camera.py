@@ -86,6 +86,12 @@ def test_it_agrees_with_opencv() -> None:
     np.testing.assert_allclose(camera.sample(frame), expected, atol=1.0)
 
 
+@pytest.mark.parametrize("ray", [[1, 0, 0], [1, 0.3, -0.2], [0.2, 0.1, -1]])
+def test_nothing_is_seen_beside_and_behind_the_camera(ray: list[float]) -> None:
+    frame = Frame(np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+    np.testing.assert_allclose(_at(np.array(ray, float), 0.3).sample(frame), 90, atol=0.5)
+
+
 def test_a_face_behind_the_border_of_the_image_repeats_the_border() -> None:
     """Where half of the crop would be behind the real camera, too."""
     frame = Frame(np.full((HEIGHT, WIDTH, 3), 90, np.uint8))

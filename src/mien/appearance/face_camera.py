@@ -13,6 +13,8 @@ from mien.arrays import Array, Float32
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 
+_LEAST_COSINE = 1e-6
+
 
 @dataclass(frozen=True)
 class FaceCamera:
@@ -34,7 +36,7 @@ class FaceCamera:
     @cached_property
     def scale(self) -> float:
         """Its pixels per pixel of the real image, at the face and across the direction to the optical axis."""
-        return self.focal_px * float(self.ray[2, 2]) / self.real.focal_px
+        return self.focal_px * self._cosine / self.real.focal_px
 
     @cached_property
     def projection(self) -> Array:
@@ -45,7 +47,12 @@ class FaceCamera:
 
     def sample(self, frame: Frame, blur: float = 0.0) -> Float32:
         """Its grey image (size, size) float32 of a frame, blurred by a standard deviation in its pixels."""
-        step, middle = 1 / (self.focal_px * float(self.ray[2, 2])), 0.5 * (self.size - 1)  # in the middle w becomes 1
+        step, middle = 1 / (self.focal_px * self._cosine), 0.5 * (self.size - 1)  # in the middle w becomes 1
         c, s = step * math.cos(self.roll), step * math.sin(self.roll)
         back = np.array([[c, -s, (s - c) * middle], [s, c, -(s + c) * middle], [0, 0, self.focal_px * step]])
         return resample(frame, self.real.matrix @ (self.ray @ back), self.size, self.scale, blur)
+
+    @property
+    def _cosine(self) -> float:
+        """Of the angle between ray and optical axis; a face that is lost may be looked for beside the camera."""
+        return max(float(self.ray[2, 2]), _LEAST_COSINE)
