@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 
 from mien.arrays import Array, Pixels
+from mien.frame import Frame
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import place_of
 from mien.synthetic import Portrait, SyntheticSequence, make_sequence, moved, portrait
@@ -37,6 +39,20 @@ def turned_portrait(deg: float) -> tuple[Pixels, Array]:
     pixels, ((x, y), _) = small_motion().frames[0].pixels, place_of(face().landmarks.points)
     A = cv2.getRotationMatrix2D((x, y), deg, 1.0)
     return np.asarray(cv2.warpAffine(pixels, A, pixels.shape[1::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8), A
+
+
+def seen_by_turned(frame: Frame, camera: Camera, R: Array) -> tuple[Pixels, Array]:
+    """What a camera sees of a frame once it has turned by R (3, 3), and the homography (3, 3) that moves its image."""
+    homography = camera.matrix @ R @ np.linalg.inv(camera.matrix)
+    size = frame.width, frame.height
+    seen = cv2.warpPerspective(frame.pixels, homography, size, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(seen, np.uint8), homography
+
+
+def with_border(frame: Frame, across: int, down: int) -> Frame:
+    """A frame with a border of so many pixels, which repeats its outermost ones, on either side."""
+    wide = cv2.copyMakeBorder(frame.pixels, down, down, across, across, cv2.BORDER_REPLICATE)
+    return Frame(np.asarray(wide, np.uint8), frame.index, frame.time)
 
 
 def run(tracker: Tracker, sequence: SyntheticSequence) -> list[Estimate]:

@@ -16,27 +16,23 @@ from mien.geometry.rotation import matrix_from_euler, similarity
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks, place_of
 from mien.initialization.straight import straightened
-from small_motion import face
+from small_motion import face, seen_by_turned, with_border
 
-BORDER = np.array([300, 100])
+BORDER = (300, 100)
 
 
 @cache
 def _middle() -> tuple[Frame, Landmarks, Camera]:
     """A portrait in the middle of a wide image, what is detected in it, and its camera."""
-    x, y = BORDER.tolist()
-    wide = cv2.copyMakeBorder(face().frame.pixels, y, y, x, x, cv2.BORDER_REPLICATE)
-    frame = Frame(np.asarray(wide, np.uint8))
+    frame = with_border(face().frame, *BORDER)
     return frame, detect(frame)[0], Camera.centred(500.0, frame.width, frame.height)
 
 
 def _beside(tilt: float, pan: float) -> tuple[Frame, Array]:
     """The image of the camera once it has turned by these degrees, and the homography (3, 3) to it."""
     frame, _, camera = _middle()
-    homography = camera.matrix @ matrix_from_euler(np.radians([tilt, pan, 0])) @ np.linalg.inv(camera.matrix)
-    size = frame.width, frame.height
-    pixels = cv2.warpPerspective(frame.pixels, homography, size, borderMode=cv2.BORDER_REPLICATE)
-    return Frame(np.asarray(pixels, np.uint8), 7, 0.25), homography
+    pixels, homography = seen_by_turned(frame, camera, matrix_from_euler(np.radians([tilt, pan, 0])))
+    return Frame(pixels, 7, 0.25), homography
 
 
 @pytest.mark.parametrize(("tilt", "pan"), [(0, 24), (6, -24), (-5, 18)])

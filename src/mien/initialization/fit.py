@@ -81,12 +81,12 @@ class FirstFrame:
 
     def in_camera(self) -> Array:
         """Vertices (V, 3) of the first frame in camera axes."""
-        return np.asarray(self.vertices() @ self.R.T + self.t)
+        return self.model.pose(self.vertices(), self.R, self.t)
 
     def mesh(self, R: Array | None, t: Array | None, animation: Array | None) -> Array | None:
         """Vertices (V, 3) in camera axes at a pose; None without one. An unknown animation is that of the first
         frame."""
-        return None if R is None or t is None else np.asarray(self.vertices(animation) @ R.T + t)
+        return None if R is None or t is None else self.model.pose(self.vertices(animation), R, t)
 
 
 def tracked_model(model: Candide) -> tuple[Candide, ShapePrior]:

@@ -13,7 +13,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import ray_rotation
@@ -43,12 +42,7 @@ def straightened(frame: Frame, face: Landmarks, camera: Camera) -> Landmarks:
     found = detect(Frame(np.asarray(seen, np.uint8), frame.index, frame.time), (turned.cx, turned.cy))
     if not found or found[0].depths is None:
         return face
-    points, depths = _mapped(np.linalg.inv(to_turned), found[0].points), found[0].depths / scale
+    points = cv2.perspectiveTransform(found[0].points[None], np.linalg.inv(to_turned))[0]
+    depths = found[0].depths / scale
     straight = replace(face, points=points, depths=depths, scheme=found[0].scheme, disagreement=found[0].disagreement)
     return straight if straight.are_trackable(frame.width, frame.height) else face
-
-
-def _mapped(homography: Array, points: Array) -> Array:
-    """Points (n, 2) by a homography (3, 3)."""
-    mapped = np.column_stack([points, np.ones(len(points))]) @ homography.T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])

@@ -51,7 +51,7 @@ def write_first_frame(
     begin = prepare(Footage(open_video(video, fps), camera, focal_px, fov_deg, start), landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
-    mesh = Mesh(fit.model.pose(fit.vertices(), fit.R, fit.t), fit.model.triangles)
+    mesh = Mesh(fit.in_camera(), fit.model.triangles)
     is_new = not output.exists()
     if is_new:
         write_landmarks(output, begin.landmarks)

@@ -21,7 +21,7 @@ from mien.geometry.rotation import angle_between, matrix_from_euler
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
-from small_motion import face, run
+from small_motion import face, run, seen_by_turned, with_border
 
 CLOSE_DEG = 4.5
 """What counts as followed: the undisturbed sequence stays below three degrees."""
@@ -112,20 +112,16 @@ def test_a_face_that_looks_aside_from_one_frame_to_the_next(pan: float) -> None:
 @pytest.mark.parametrize("turn_deg", [(0.0, 28.0), (-10.0, -24.0)])
 def test_a_face_at_the_side_of_the_image_is_tracked_as_in_its_middle(turn_deg: tuple[float, float]) -> None:
     """The camera turns away once the face is learned, within ten frames, which moves its image by a homography."""
-    border = np.array([240, 120])
+    border = (240, 120)
     camera = replace(face().camera, cx=face().camera.cx + border[0], cy=face().camera.cy + border[1])
     landmarks = replace(face().landmarks, points=face().landmarks.points + border)
-    x, y = border.tolist()
     rotations = []
     for share in (0.0, 1.0):
         tracker, rotated = RealtimeTracker(), []
         for k, frame in enumerate(sequence().frames):
             turn = matrix_from_euler(np.radians([*turn_deg, 0.0]) * share * min(k / 10, 1))
-            homography = camera.matrix @ turn @ np.linalg.inv(camera.matrix)
-            wide = cv2.copyMakeBorder(frame.pixels, y, y, x, x, cv2.BORDER_REPLICATE)
-            seen = cv2.warpPerspective(wide, homography, wide.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
-            seen_frame = Frame(np.asarray(seen, np.uint8), k, frame.time)
-            found = tracker.track(seen_frame) if k else tracker.initialize(seen_frame, landmarks, camera)
+            seen = Frame(seen_by_turned(with_border(frame, *border), camera, turn)[0], k, frame.time)
+            found = tracker.track(seen) if k else tracker.initialize(seen, landmarks, camera)
             assert found.rotation is not None
             rotated.append(turn.T @ found.rotation)
         rotations.append(np.array(rotated))
