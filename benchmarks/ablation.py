@@ -22,6 +22,7 @@ from mien.appearance.regression import PoseRegression
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
+from mien.config.realtime import AxesSettings, CovarianceSettings, ViewSettings
 from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence, Truth
@@ -83,7 +84,7 @@ class FrontalAppearance(RealtimeTracker):
         return estimate
 
 
-WITHOUT_VIEWS = RealtimeSettings(sidelong_weight=1, lack_of_fit=1e9)
+WITHOUT_VIEWS = RealtimeSettings(views=ViewSettings(sidelong_weight=1), covariance=CovarianceSettings(lack_of_fit=1e9))
 
 
 class _OneGaussian(PoseRegression):
@@ -126,10 +127,10 @@ class Clipped(RealtimeTracker):
     def __init__(self) -> None:
         s = RealtimeSettings()
         plain = {name: getattr(s, name).model_copy(update={"root": 0.0}) for name in ("descriptor", "coarse")}
-        super().__init__(s.model_copy(update={**plain, "floor": 4e-3}))
+        super().__init__(s.model_copy(update={**plain, "covariance": CovarianceSettings(floor=4e-3)}))
 
 
-FIRST_AXES = RealtimeSettings(axes_tilt_share=0, axes_pan_share=0)
+FIRST_AXES = RealtimeSettings(axes=AxesSettings(tilt_share=0, pan_share=0))
 
 
 class FittedAxes(RealtimeTracker):
@@ -186,58 +187,58 @@ class UprightInTheCrop(RealtimeTracker):
             return super().initialize(frame, landmarks, camera)
 
 
-def _set(**settings: Any) -> Callable[[], RealtimeTracker]:
-    return lambda: RealtimeTracker(RealtimeSettings.model_validate(settings))
+def _set(group: str, **values: Any) -> Callable[[], RealtimeTracker]:
+    return lambda: RealtimeTracker(RealtimeSettings.model_validate({group: values}))
 
 
 TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "full": RealtimeTracker,
     "appearance from the front only": FrontalAppearance,
     "one Gaussian for all views, as in the paper": OneGaussian,
-    "5x5 views, not 10x10": _set(views_per_angle=5),
-    "views evenly to 40 degrees of pan, not 50": _set(view_limit_pan_deg=40, view_crowding=1),
+    "5x5 views, not 10x10": _set("views", per_angle=5),
+    "views evenly to 40 degrees of pan, not 50": _set("views", limit_pan_deg=40, crowding=1),
     "no views from far aside": OfTheFrontAlone,
-    "views weigh alike, however a landmark faces them": _set(sidelong_weight=1),
-    "one covariance for all views": _set(lack_of_fit=1e9),
+    "views weigh alike, however a landmark faces them": _set("views", sidelong_weight=1),
+    "one covariance for all views": _set("covariance", lack_of_fit=1e9),
     "views weigh alike, with one covariance": lambda: RealtimeTracker(WITHOUT_VIEWS),
-    "no light in the views": _set(light_contrast=0),
-    "no closed or turned eyes in the views' covariance": _set(eye_share=0),
-    "blinks not noticed": _set(closing_share=1e6),
+    "no light in the views": _set("views", light_contrast=0),
+    "no closed or turned eyes in the views' covariance": _set("views", eye_share=0),
+    "blinks not noticed": _set("visibility", closing_share=1e6),
     "histograms clipped, not rooted": Clipped,
     "head's axes as fitted": FittedAxes,
     "head's axes as the first frame shows them": lambda: RealtimeTracker(FIRST_AXES),
-    "one look a frame": _set(crop_roll_deg=180, crop_scale=10, crop_shift=10),
+    "one look a frame": _set("solver", crop_roll_deg=180, crop_scale=10, crop_shift=10),
     "descriptors upright for the crop, not for the face": UprightInTheCrop,
-    "shape not learned": _set(learn_shape=False),
+    "shape not learned": _set("shape", learn=False),
     "no anchors beside the 26 landmarks": lambda: Tracking(LANDMARK_VERTICES),
     "no temples among the anchors": lambda: Tracking(WITHOUT_TEMPLES),
-    "temples trusted as the other anchors": _set(temple_sd=0.05),
-    "depth as certain on a slope as elsewhere": _set(slope_sd=0),
-    "depths that lean no more than they err": _set(lean_sd=0),
+    "temples trusted as the other anchors": _set("misplacement", temple_sd=0.05),
+    "depth as certain on a slope as elsewhere": _set("shape", slope_sd=0),
+    "depths that lean no more than they err": _set("shape", lean_sd=0),
     "outer brows raised alone": HalfBrows,
     "rest of the animation a Gaussian": _set(
-        rest_firmness=0, rest_mouth_firmness=0, rest_jaw_firmness=0, rest_animation=0.4, rest_mouth=0.5
+        "rest", firmness=0, mouth_firmness=0, jaw_firmness=0, animation=0.4, mouth=0.5
     ),
-    "patches of the mouth's corners as large as others": _set(motion_corner=0.2),
-    "rest of the mouth as firm as the brows'": _set(rest_mouth=0.7, rest_mouth_firmness=22, rest_jaw_firmness=11),
-    "animation units believed entirely": _set(unit_error=0),
-    "expressive frames teach the shape too": _set(expression_sd=1e6),
-    "eyes at the depth of the rest": _set(eyes_sd=0),
-    "landmarks weigh alike wherever they are found": _set(location_rate=0),
+    "patches of the mouth's corners as large as others": _set("motion", corner=0.2),
+    "rest of the mouth as firm as the brows'": _set("rest", mouth=0.7, mouth_firmness=22, jaw_firmness=11),
+    "animation units believed entirely": _set("misplacement", unit_error=0),
+    "expressive frames teach the shape too": _set("shape", expression_sd=1e6),
+    "eyes at the depth of the rest": _set("shape", eyes_sd=0),
+    "landmarks weigh alike wherever they are found": _set("misplacement", rate=0),
     "detector's depths ignored": WithoutDepths,
-    "no robust weights": _set(robust_factor=1e9),
-    "no visibility by normals": _set(hidden_cosine=-1),
-    "no visibility by what of the face is before": _set(hidden_depth=1e9),
+    "no robust weights": _set("weights", robust_factor=1e9),
+    "no visibility by normals": _set("visibility", hidden_cosine=-1),
+    "no visibility by what of the face is before": _set("visibility", hidden_depth=1e9),
     "motion not measured": Unmoved,
-    "no prediction": _set(velocity=0),
-    "last pose counts for nothing where little is seen": _set(hold_share=0),
-    "no coarse search": _set(retry_distance=1e9),
-    "no jaw search": _set(jaw_retry_distance=1e9),
-    "no loss, no recovery": _set(least_share=0),
-    "angles of patches believed entirely": _set(appearance_angle_sd_deg=0.01),
-    "angles of patches ignored": _set(appearance_angle_sd_deg=1000),
-    "eyes that look strange not adapted": _set(forgetting=0),
-    "turned faces not learned": _set(view_rate=0),
+    "no prediction": _set("prior", velocity=0),
+    "last pose counts for nothing where little is seen": _set("hold", share=0),
+    "no coarse search": _set("solver", retry_distance=1e9),
+    "no jaw search": _set("mouth", jaw_distance=1e9),
+    "no loss, no recovery": _set("recovery", least_share=0),
+    "angles of patches believed entirely": _set("misplacement", angle_sd_deg=0.01),
+    "angles of patches ignored": _set("misplacement", angle_sd_deg=1000),
+    "eyes that look strange not adapted": _set("adaptation", forgetting=0),
+    "turned faces not learned": _set("adaptation", view_rate=0),
 }
 
 

@@ -20,6 +20,7 @@ from recordings import asked, rotations, seen_by_mediapipe
 import mien
 from mien.arrays import Array
 from mien.config import RealtimeSettings
+from mien.config.realtime import VisibilitySettings
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
 from mien.geometry.rotation import exp, log
@@ -37,7 +38,7 @@ class Unaware(RealtimeTracker):
     """The real-time tracker, to which no eye is closed enough."""
 
     def __init__(self) -> None:
-        super().__init__(RealtimeSettings(closing_share=1e6))
+        super().__init__(RealtimeSettings(visibility=VisibilitySettings(closing_share=1e6)))
 
 
 def openings(path: Path, seconds: float) -> dict[int, float]:

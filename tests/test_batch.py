@@ -449,7 +449,12 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("file", "content", "changed", "options"),
     [
-        ("own.json", '{"view_rate": 0}', '{"view_rate": 0.5}', BatchOptions(preset="realtime:own.json")),
+        (
+            "own.json",
+            '{"adaptation": {"view_rate": 0}}',
+            '{"adaptation": {"view_rate": 0.5}}',
+            BatchOptions(preset="realtime:own.json"),
+        ),
         ("camera.json", CAMERA, CAMERA.replace("500", "600"), BatchOptions(camera=Path("camera.json"))),
     ],
 )
@@ -659,7 +664,7 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     (videos / "broken.mp4").write_bytes(b"no video")
     camera, own = tmp_path / "camera.json", tmp_path / "own.json"
     camera.write_text(CAMERA)
-    own.write_text('{"view_rate": 0}')
+    own.write_text('{"adaptation": {"view_rate": 0}}')
     asked = ["batch", ".", "-o", str(out), "--camera", str(camera), "--preset", f"realtime:{own}"]
     asked += ["--end", "10", "--at-once", "--overlay", "--plot"]
     result = CliRunner().invoke(app, asked)

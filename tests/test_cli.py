@@ -578,7 +578,7 @@ def test_options(refused: Callable[..., None], video: Path, marks: Path, options
 
 
 def test_a_settings_file_is_an_input(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
-    (tmp_path / "own.json").write_text('{"view_rate": 0}')
+    (tmp_path / "own.json").write_text('{"adaptation": {"view_rate": 0}}')
     asked = ["--preset", "realtime:own.json", "-o", "own.csv"]
     refused(["track", video, "--landmarks", marks, *asked], "own.json would overwrite an input")
     refused(["track", video, "--faces", "2", *asked], "own.json would overwrite an input")

@@ -20,7 +20,7 @@ DOCS = ROOT / "docs"
 REALTIME = (DOCS / "realtime.md").read_text(encoding="utf-8")
 EXPLAINED = (DOCS / "method.md").read_text(encoding="utf-8") + REALTIME
 REFERENCES = sorted(set(re.findall(r"`([a-z0-9_/]+)\.py:([A-Za-z0-9_.]+)`", EXPLAINED)))
-SETTINGS = sorted(set(re.findall(r"`([a-z_]+)` = (-?[0-9.]*[0-9])", REALTIME)))
+SETTINGS = sorted(set(re.findall(r"`([a-z_.]+)` = (-?[0-9.]*[0-9])", REALTIME)))
 PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 
 
@@ -37,7 +37,7 @@ def test_every_equation_is_named_in_the_code() -> None:
 
 @pytest.mark.parametrize(("name", "value"), SETTINGS)
 def test_the_setting_has_this_value(name: str, value: str) -> None:
-    assert getattr(RealtimeSettings(), name) == float(value)
+    assert attrgetter(name)(RealtimeSettings()) == float(value)
 
 
 def test_contributions_are_those_of_the_ablation() -> None:

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import mien
-from mien.config import PaperSettings, RealtimeSettings, Settings
+from mien.config import DescriptorSettings, PaperSettings, RealtimeSettings, Settings
+from mien.config.realtime import AdaptationSettings, CovarianceSettings
 from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -31,9 +32,13 @@ def _written(path: Path, values: Any) -> Path:
 
 
 def test_settings_that_differ_come_from_a_file(tmp_path: Path) -> None:
-    tracker = create_tracker(f"realtime:{_written(tmp_path / 'own.json', {'view_rate': 0, 'rank': 12})}")
+    tracker = create_tracker(
+        f"realtime:{_written(tmp_path / 'own.json', {'adaptation': {'view_rate': 0}, 'covariance': {'rank': 12}})}"
+    )
     assert isinstance(tracker, RealtimeTracker)
-    assert tracker.settings == RealtimeSettings(view_rate=0, rank=12)
+    assert tracker.settings == RealtimeSettings(
+        adaptation=AdaptationSettings(view_rate=0), covariance=CovarianceSettings(rank=12)
+    )
     paper = create_tracker(f"paper:{_written(tmp_path / 'paper.json', {'seed': 3})}")
     assert isinstance(paper, PaperTracker)
     assert paper.settings == PaperSettings(seed=3)
@@ -41,10 +46,10 @@ def test_settings_that_differ_come_from_a_file(tmp_path: Path) -> None:
 
 def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: Path) -> None:
     video, known = write_video(tmp_path / "face.mp4", portrait_images(), fps=25), known_portrait().landmarks
-    own = _written(tmp_path / "own.json", {"views_per_angle": 5})
+    own = _written(tmp_path / "own.json", {"views": {"per_angle": 5}})
     first = mien.track(video, preset=f"realtime:{own}", landmarks=known, save=tmp_path / "first.csv")
     again = mien.track(video, preset=f"realtime:{tmp_path / 'first.json'}", landmarks=known)
-    assert first.metadata["settings"]["views_per_angle"] == 5
+    assert first.metadata["settings"]["views"]["per_angle"] == 5
     assert again.metadata["settings"] == first.metadata["settings"]
     np.testing.assert_array_equal(again.euler_deg, first.euler_deg)
 
@@ -52,14 +57,15 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"view_rat": 0}, "own.json: view_rat: unknown setting; mien.config.RealtimeSettings lists them all"),
-        ({"rank": -1}, "own.json: rank: input should be greater than or equal to 0"),
+        ({"view_rate": 0}, "own.json: view_rate: unknown setting; mien.config.RealtimeSettings lists them all"),
+        ({"adaptation": {"view_rat": 0}}, "own.json: adaptation.view_rat: unknown setting; mien.config.Real"),
+        ({"covariance": {"rank": -1}}, "own.json: covariance.rank: input should be greater than or equal to 0"),
         ({"descriptor": {"cell": "four"}}, "own.json: descriptor.cell: input should be a valid integer"),
         ({"settings": {"preset": "paper"}}, "own.json: preset: input should be 'realtime'"),
-        ({"floor": float("inf")}, "own.json: floor: input should be a finite number"),
+        ({"covariance": {"floor": float("inf")}}, "own.json: covariance.floor: input should be a finite number"),
         (
-            {"view_limit_pan_deg": 80},
-            "own.json: turned_limit_pan_deg: value error, must be larger than view_limit_pan_deg",
+            {"views": {"limit_pan_deg": 80}},
+            "own.json: views.turned_limit_pan_deg: value error, must be larger than limit_pan_deg",
         ),
         ({"descriptor": {"kernel": "opencv"}}, "own.json: descriptor: value error, the kernel must be mien"),
         ([1], "own.json holds no settings keyed by name"),
@@ -184,7 +190,13 @@ def test_what_a_tracker_of_ones_own_returns_is_checked(changes: dict[str, Any], 
 
 @pytest.mark.parametrize("settings", [PaperSettings, RealtimeSettings])
 def test_every_setting_says_what_it_is(settings: type[Settings]) -> None:
-    itself = {"preset", "descriptor", "coarse"}  # which a docstring explains
-    assert {name for name, field in settings.model_fields.items() if not field.description} == itself & set(
-        settings.model_fields
-    )
+    """A group does so in its docstring, as do the descriptors."""
+    groups = {
+        name: field.default for name, field in settings.model_fields.items() if isinstance(field.default, Settings)
+    }
+    for group in (settings, *map(type, groups.values())):
+        assert group.__doc__
+        if group is not DescriptorSettings:
+            own = {name: field for name, field in group.model_fields.items() if name not in {"preset", *groups}}
+            assert own or group is RealtimeSettings
+            assert all(field.description for field in own.values())

@@ -13,6 +13,7 @@ import pytest
 import mien
 from mien.arrays import Array
 from mien.config import RealtimeSettings
+from mien.config.realtime import AxesSettings
 from mien.errors import MienWarning
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -33,7 +34,7 @@ class LeaningTracker(RealtimeTracker):
     """Its head axes follow the shape so far that it matters which axes are written."""
 
     def __init__(self, before: RealtimeTracker | None = None) -> None:
-        settings = RealtimeSettings(axes_tilt_share=9.0, axes_pan_share=9.0)
+        settings = RealtimeSettings(axes=AxesSettings(tilt_share=9.0, pan_share=9.0))
         super().__init__(settings, before=before.person if before else None)
 
     def again(self) -> LeaningTracker:

@@ -168,14 +168,14 @@ def test_what_may_be_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_settings_of_a_file_are_a_tracker_of_their_own(tmp_path: Path) -> None:
     own = tmp_path / "own.json"
-    own.write_text('{"view_rate": 0}')
+    own.write_text('{"adaptation": {"view_rate": 0}}')
     plan = _plan(tmp_path, STILL, f"realtime:{own}")
     sequence = load_dataset("rendered", plan.root)[0]
     before = track_job(plan, plan.trackers[1], sequence)
     assert before.settings["tracker"] == label(plan.trackers[1]) == "realtime:own.json"
     changed = tmp_path / "changed" / "own.json"
     changed.parent.mkdir()
-    changed.write_text('{"view_rate": 0.1}')
+    changed.write_text('{"adaptation": {"view_rate": 0.1}}')
     assert track_job(plan, f"realtime:{changed}", sequence).settings != before.settings
     own.write_text('{"view_rat": 0}')
     with pytest.raises(MienError, match="view_rat: unknown setting"):

@@ -11,6 +11,7 @@ import pytest
 
 from mien.arrays import Array
 from mien.config import RealtimeSettings
+from mien.config.realtime import AdaptationSettings
 from mien.frame import Frame
 from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
@@ -27,12 +28,12 @@ RUN_PX = 30.0
 
 
 def _adaptation(n: int = 2, **settings: float) -> Adaptation:
-    return Adaptation(n, FIRST, RealtimeSettings().model_copy(update=settings))
+    return Adaptation(n, FIRST, AdaptationSettings(**settings))
 
 
 def test_a_step_by_hand() -> None:
     """At the turn at which half is learned, half of alpha times the residual is added there."""
-    adaptation = _adaptation(forgetting=0.2, adaptation_turn_deg=10.0)
+    adaptation = _adaptation(forgetting=0.2, turn_deg=10.0)
     residual = np.random.default_rng(0).normal(size=(1, 128)).astype(np.float32)
     angles = FIRST + np.radians([0, 10.0])
     adaptation.learn_eyes(angles, residual, np.array([True, False]))
@@ -105,10 +106,12 @@ def _with_reflections() -> SyntheticSequence:
 
 def _run(sequence: SyntheticSequence, **settings: float) -> tuple[RealtimeTracker, Array, Array]:
     """A tracker after a sequence, the errors of its rotations, and which of the eyes' landmarks looked like them."""
-    tracker = RealtimeTracker(RealtimeSettings().model_copy(update=settings))
+    tracker = RealtimeTracker(RealtimeSettings(adaptation=AdaptationSettings(**settings)))
     estimates = run(tracker, sequence)
     distance = np.array([e.landmarks.distance[EYES] for e in estimates if e.landmarks is not None])
-    seen = (distance > 0) & (distance**2 <= tracker.settings.seen_distance)  # 0 where they do not face the camera
+    seen = (distance > 0) & (
+        distance**2 <= tracker.settings.recovery.seen_distance
+    )  # 0 where they do not face the camera
     return tracker, turn_error_deg(estimates, sequence), seen
 
 
@@ -167,7 +170,7 @@ def test_a_face_that_looks_otherwise_when_it_has_turned_is_followed() -> None:
     """What the first frame shows says nothing there: without what is learned on the way, it is not believed."""
     followed = RealtimeTracker()
     estimates = run(followed, _unlike_the_first())
-    alone = run(RealtimeTracker(RealtimeSettings().model_copy(update={"view_rate": 0.0})), _unlike_the_first())
+    alone = run(RealtimeTracker(RealtimeSettings(adaptation=AdaptationSettings(view_rate=0.0))), _unlike_the_first())
     turned = slice(90, 150)
     assert turn_error_deg(estimates, _unlike_the_first()).max() < 3
     sure, unsure = (np.array([e.confidence for e in track]) for track in (estimates, alone))

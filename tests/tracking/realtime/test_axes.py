@@ -11,6 +11,7 @@ import pytest
 from long_motion import sequence
 from mien.arrays import Array
 from mien.config import RealtimeSettings
+from mien.config.realtime import AxesSettings
 from mien.geometry.rotation import FACING, angle_between, exp, log, matrix_from_euler, ray_rotation
 from mien.initialization.landmarks import LANDMARK_VERTICES, VERTICES
 from mien.output.track import Track
@@ -20,7 +21,7 @@ from mien.tracking.realtime.shape import ShapePosterior
 from mien.tracking.realtime.solution import Pose
 from small_motion import face
 
-SETTINGS = RealtimeSettings()
+SETTINGS = AxesSettings()
 _FIRM_NAMES = [k for k, name in enumerate(LANDMARK_VERTICES) if "nose" in name or "eye_" in name]
 """Landmarks that are not drawn elsewhere by an expression or a blink."""
 _FIRM = np.array(VERTICES)[_FIRM_NAMES]
@@ -36,7 +37,7 @@ def tracker() -> RealtimeTracker:
     return tracker
 
 
-def _axes(tracker: RealtimeTracker, lean_deg: Array, settings: RealtimeSettings = SETTINGS) -> HeadAxes:
+def _axes(tracker: RealtimeTracker, lean_deg: Array, settings: AxesSettings = SETTINGS) -> HeadAxes:
     """Axes of a face that looks into the camera, where the learned shape is turned by (2,) tilt and pan from
     what it was in the first frame."""
     shape: ShapePosterior = deepcopy(tracker.person.shape)
@@ -55,10 +56,10 @@ def test_a_shape_as_in_the_first_frame_leaves_the_axes(tracker: RealtimeTracker)
 @pytest.mark.parametrize(("lean_deg", "axis"), [([5.0, 0.0], 0), ([0.0, -5.0], 1)])
 def test_the_axes_lean_with_the_shape(tracker: RealtimeTracker, lean_deg: list[float], axis: int) -> None:
     """About the same axis, by the share that is set, less what is known of a face that looks into the camera."""
-    none = RealtimeSettings(axes_tilt_share=0.0, axes_pan_share=0.0)
+    none = AxesSettings(tilt_share=0.0, pan_share=0.0)
     assert not log(_axes(tracker, np.array(lean_deg), none).R_model_head).any()
     expected = np.zeros(3)
-    share = (SETTINGS.axes_tilt_share, SETTINGS.axes_pan_share)[axis]
+    share = (SETTINGS.tilt_share, SETTINGS.pan_share)[axis]
     expected[axis] = share * lean_deg[axis] * (0.5, 0.85)[axis]
     np.testing.assert_allclose(np.degrees(log(_axes(tracker, np.array(lean_deg)).R_model_head)), expected, atol=0.05)
 
@@ -93,7 +94,7 @@ def test_what_is_told_anew_turns_all_frames_alike(tracker: RealtimeTracker) -> N
 
 def test_the_mesh_stays_on_the_face() -> None:
     """It is drawn where the model is, however far the axes of the head have moved since the first frame."""
-    tracker = RealtimeTracker(RealtimeSettings(axes_tilt_share=3.0, axes_pan_share=3.0))
+    tracker = RealtimeTracker(RealtimeSettings(axes=AxesSettings(tilt_share=3.0, pan_share=3.0)))
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     apart = []
     for frame in sequence().frames[1:]:

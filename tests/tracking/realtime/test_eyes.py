@@ -11,6 +11,7 @@ import pytest
 
 from mien.arrays import Array, Float32, Mask, Pixels
 from mien.config import RealtimeSettings
+from mien.config.realtime import MotionSettings, VisibilitySettings
 from mien.errors import MienWarning
 from mien.frame import Frame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
@@ -185,7 +186,9 @@ def test_a_blink_is_no_nod() -> None:
     tilt = _tilt_deg(estimates)
     nod = np.abs(tilt[blink] - tilt[FIRST_BLINK - 1])
     # One that believes lids, and patches that move with them: a stricter weight of the motion stops a part of the nod.
-    believing = RealtimeSettings(closing_share=9.0, motion_robust_factor=2.0)
+    believing = RealtimeSettings(
+        visibility=VisibilitySettings(closing_share=9.0), motion=MotionSettings(robust_factor=2.0)
+    )
     unnoticed = _tilt_deg(run(RealtimeTracker(believing), _blinking()))
     assert nod.mean() < 0.7 * np.abs(unnoticed[blink] - unnoticed[FIRST_BLINK - 1]).mean()
     assert nod.mean() < 0.22

@@ -11,7 +11,7 @@ import pytest
 from mien.appearance.views import rotation
 from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
-from mien.config import RealtimeSettings
+from mien.config.realtime import MotionSettings
 from mien.frame import Frame
 from mien.geometry.rotation import angle_between, exp
 from mien.synthetic import SyntheticSequence, make_sequence, moved
@@ -98,7 +98,7 @@ def test_a_mouth_that_widens_at_once_is_measured(step: float) -> None:
 def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_frame: Frame) -> None:
     view = tracker.solver.view(tracker.face.fine, next_frame, tracker.pose)
     person, prior = tracker.person.arrays, tracker.prior.arrays(tracker.prior.prediction(tracker.pose, tracker.pose))
-    motion = Motion(tracker.face.patches, tracker.person.mouth, tracker.settings)
+    motion = Motion(tracker.face.patches, tracker.person.mouth, 0.6, tracker.settings.motion)
     motion.remember(view.image, person, tracker.pose.arrays, view.geometry)
     (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
     np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
@@ -130,11 +130,9 @@ def test_derivatives_against_differences() -> None:
 
 
 def test_drift_by_hand() -> None:
-    settings = RealtimeSettings(
-        motion_rotation_deg=0.3, motion_translation=0.01, motion_animation=0.02, motion_share=0.5, prior_jaw=0.8
-    )
+    settings = MotionSettings(rotation_deg=0.3, translation=0.01, animation=0.02, share=0.5)
     step = np.array([0.03, 0.04, 0, 0, 0, 0.2, *np.zeros(5), 0.1])
-    found = Motion(np.zeros((2, 4, 3)), np.ones(2, bool), settings).drift(step)
+    found = Motion(np.zeros((2, 4, 3)), np.ones(2, bool), 0.8, settings).drift(step)
     np.testing.assert_allclose(found[:3], np.radians(0.3) ** 2 + 0.025**2)
     np.testing.assert_allclose(found[3:6], 0.01**2 + 0.1**2)
     assert found[11] == pytest.approx(0.02**2 + 0.05**2)

@@ -15,6 +15,7 @@ import pytest
 from long_motion import NOISE_SD, errors_deg, in_order, leaving, sequence, shown
 from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
+from mien.config.realtime import RecoverySettings, WeightSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, matrix_from_euler
@@ -141,7 +142,7 @@ def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytes
         return iter(())
 
     monkeypatch.setattr("mien.tracking.realtime.recovery.find_by_detector", by_detector)
-    tracker = RealtimeTracker(RealtimeSettings(recovery_interval=2, recovery_patience=10))
+    tracker = RealtimeTracker(RealtimeSettings(recovery=RecoverySettings(interval=2, patience=10)))
     tracker.initialize(frames[0], face().landmarks, face().camera)
     monkeypatch.setattr(tracker.recovery.keyframes, "find", lambda frame, _: known.append(frame.index))
     rng = np.random.default_rng(0)
@@ -258,8 +259,8 @@ def test_a_picture_that_becomes_worse_is_not_taken_for_another_face() -> None:
     frames = make_sequence(face(), moved(face(), still, still, np.zeros((200, 6))), noise_sd=NOISE_SD).frames
     rng, misfits = np.random.default_rng(1), {}
     noisy = [_rounded(frame.pixels + rng.normal(0, 35, frame.pixels.shape)) for frame in frames[120:]]
-    for rate in (0.0, RealtimeSettings().quality_rate):
-        tracker = RealtimeTracker(RealtimeSettings(quality_rate=rate))
+    for rate in (0.0, RealtimeSettings().weights.quality_rate):
+        tracker = RealtimeTracker(RealtimeSettings(weights=WeightSettings(quality_rate=rate)))
         tracker.initialize(frames[0], face().landmarks, face().camera)
         for frame in frames[1:120]:
             tracker.track(frame)
@@ -316,7 +317,7 @@ def test_a_face_that_comes_back_beside_another_one_is_found() -> None:
     tracker.initialize(Frame(np.hstack([portrait, nobody])), face().landmarks, Camera(1000, 319.5, 119.5))
     alone = [tracker.track(Frame(np.hstack([stranger, nobody]), k)) for k in range(1, 11)]
     assert all(estimate.status is Status.TRACKED and estimate.confidence < 0.05 for estimate in alone)
-    wait = tracker.settings.doubt_interval
+    wait = tracker.settings.recovery.doubt_interval
     beside = [tracker.track(Frame(np.hstack([stranger, portrait]), k)) for k in range(11, 12 + wait)]
     assert [estimate.status for estimate in beside].count(Status.RECOVERED) == 1
     assert beside[-1].landmarks is not None

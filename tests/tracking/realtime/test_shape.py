@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from mien.arrays import Array
-from mien.config import RealtimeSettings
+from mien.config.realtime import ShapeSettings
 from mien.geometry.rotation import exp
 from mien.initialization.landmarks import LANDMARK_VERTICES, VERTICES
 from mien.tracking.realtime.shape import ShapePosterior, prior_covariance, shape_information
 from small_motion import face
 
 N = 8
-SETTINGS = RealtimeSettings()
+SETTINGS = ShapeSettings()
 EYES = np.array(["eye" in name or "brow" in name for name in LANDMARK_VERTICES])
 
 
@@ -62,7 +62,7 @@ def _normals(slope_deg: float = 20.0) -> Array:
     return np.asarray(-np.cos(angle) * _rays() + np.sin(angle) * across)
 
 
-def _prior(settings: RealtimeSettings = SETTINGS, slope_deg: float = 20.0) -> Array:
+def _prior(settings: ShapeSettings = SETTINGS, slope_deg: float = 20.0) -> Array:
     return prior_covariance(_neutral(), _normals(slope_deg), EYES, face().fit.R, face().fit.t, settings)
 
 
@@ -93,7 +93,7 @@ def test_eyes_and_brows_may_stand_off_together() -> None:
     """The depth of their mean, less that of the others, is uncertain by `eyes_sd` more than without it."""
     contrast = np.where(EYES, 1 / EYES.sum(), -1 / (~EYES).sum())
     along = (contrast[:, None] * _rays()).ravel()
-    without = _prior(RealtimeSettings(eyes_sd=0))
+    without = _prior(ShapeSettings(eyes_sd=0))
     assert along @ (_prior() - without) @ along == pytest.approx(SETTINGS.eyes_sd**2)
 
 
@@ -164,5 +164,5 @@ def test_poses_that_come_again_say_less_and_less() -> None:
 
 def test_a_frame_that_teaches_little_leaves_the_rest_to_others() -> None:
     posterior = _posterior()
-    assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.shape_rate)
-    assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.shape_rate / 1.1)
+    assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.rate)
+    assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.rate / 1.1)

@@ -18,6 +18,7 @@ from mien.baselines.morency import MorencyTracker
 from mien.baselines.xiao import XiaoTracker
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
+from mien.config.realtime import RestSettings, ShapeSettings, ViewSettings, WeightSettings
 from mien.errors import MienError
 from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
@@ -90,7 +91,7 @@ def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None
 
 def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
     def learned(light_contrast: float) -> PoseRegression:
-        tracker = RealtimeTracker(RealtimeSettings(light_contrast=light_contrast))
+        tracker = RealtimeTracker(RealtimeSettings(views=ViewSettings(light_contrast=light_contrast)))
         tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
         return tracker.face.fine.appearance
 
@@ -105,7 +106,7 @@ def test_what_the_nose_hides_is_hidden() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     depth, right, left = (
-        tracker.settings.hidden_depth,
+        tracker.settings.visibility.hidden_depth,
         *(LANDMARK_NAMES.index(f"{side}_eye_inner_corner") for side in ("right", "left")),
     )
     level, n = tracker.face.fine, len(LANDMARK_NAMES)
@@ -130,7 +131,7 @@ def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
 def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
     tracker = RealtimeTracker()
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
-    front, limit = tracker.face.fine, np.radians(tracker.settings.turned_limit_pan_deg)
+    front, limit = tracker.face.fine, np.radians(tracker.settings.views.turned_limit_pan_deg)
     for frame in sequence().frames[1:5]:
         tracker.track(frame)
     assert front.at(np.radians([30.0, -49.0])) is front
@@ -149,7 +150,7 @@ def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:
     lack_of_fit, frame = tracker.face.fine.appearance.lack_of_fit, sequence().frames[1]
     lack_of_fit[:] = 0
     _, sure = tracker._search(frame)
-    lack_of_fit[:] = 3 * tracker.settings.lack_of_fit
+    lack_of_fit[:] = 3 * tracker.settings.covariance.lack_of_fit
     _, doubtful = tracker._search(frame)
     assert np.median(doubtful.d2 / sure.d2) == pytest.approx(1 / 4, rel=0.05)
 
@@ -175,7 +176,7 @@ def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
 
 
 def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
-    tracker = RealtimeTracker(RealtimeSettings(learn_shape=False))
+    tracker = RealtimeTracker(RealtimeSettings(shape=ShapeSettings(learn=False)))
     frames = sequence().frames[:8]
     tracker.initialize(frames[0], face().landmarks, face().camera)
     misplaced = LANDMARK_NAMES.index("nose_base_mid")
@@ -184,7 +185,7 @@ def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
         tracker.track(frame)
     variance = tracker.person.variance[:, 0]
     assert variance[misplaced] > 3 * np.median(variance)
-    assert variance.min() >= 0.9 * tracker.settings.location_sd**2
+    assert variance.min() >= 0.9 * tracker.settings.misplacement.least_sd**2
 
 
 def test_a_second_pass_knows_the_relief() -> None:
@@ -218,16 +219,17 @@ def test_what_an_expression_moves_says_less() -> None:
     tracker.pose = replace(tracker.pose, animation=raised)
     more = (tracker.person.misplacement_variance(level, tracker.pose.animation) - rest)[:, 0]
     brow, nose = LANDMARK_NAMES.index("left_brow_outer"), LANDMARK_NAMES.index("nose_tip")
-    pixels = tracker.settings.unit_error * 0.176 * level.descriptor.pixels_per_unit  # CANDIDE: (0.022, 0.174, -0.022)
+    pixels = (
+        tracker.settings.misplacement.unit_error * 0.176 * level.descriptor.pixels_per_unit
+    )  # CANDIDE: (0.022, 0.174, -0.022)
     assert np.sqrt(more[brow]) == pytest.approx(pixels, rel=0.1)
     assert more[nose] == pytest.approx(0, abs=0.05 * more[brow])
 
 
 def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
-    """So many times as firm at rest, half of that at `rest_within`, and next to nothing of it further away."""
-    firmness = {"rest_firmness": 20.0, "rest_mouth_firmness": 50.0, "rest_jaw_firmness": 40.0}
-    s = RealtimeSettings(rest_animation=0.5, rest_mouth=1.0, rest_within=0.1, **firmness)
-    tracker = RealtimeTracker(s)
+    """So many times as firm at rest, half of that at `rest.within`, and next to nothing of it further away."""
+    rest = RestSettings(animation=0.5, mouth=1.0, firmness=20.0, mouth_firmness=50.0, jaw_firmness=40.0, within=0.1)
+    tracker = RealtimeTracker(RealtimeSettings(rest=rest))
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
     tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
@@ -278,18 +280,18 @@ def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     across = np.ptp(tracker.face.patches[:, :, 0], axis=1)
     corners = np.array(["mouth_corner" in name for name in person.TRACKED])
-    assert across[corners] == pytest.approx(2 * tracker.settings.motion_corner, rel=0.25)
+    assert across[corners] == pytest.approx(2 * tracker.settings.motion.corner, rel=0.25)
     assert across[~corners].min() > 2 * across[corners].max()
 
 
 def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
     """The same frame, over and over, fits ever better; the scale of the robust weights stays above its floor."""
-    tracker = RealtimeTracker(RealtimeSettings(expectation_rate=0.3))
+    tracker = RealtimeTracker(RealtimeSettings(weights=WeightSettings(expectation_rate=0.3)))
     frame = sequence().frames[0]
     tracker.initialize(frame, face().landmarks, face().camera)
     for _ in range(20):
         tracker.track(frame)
-    assert tracker.person.expected.min() == tracker.settings.least_distance
+    assert tracker.person.expected.min() == tracker.settings.weights.least_distance
 
 
 def test_misplacement_solves_each_landmark_alone() -> None:
@@ -459,7 +461,7 @@ def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
     tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
     predicted = tracker.pose
     _, found = tracker.solver.refine(sequence().frames[3], tracker.prior.prediction(tracker.pose, tracker.pose))
-    assert found.seen(tracker.settings.seen_distance)[1] > tracker.settings.hold_share
+    assert found.seen(tracker.settings.recovery.seen_distance)[1] > tracker.settings.hold.share
     assert tracker._damp(predicted, found) is found
 
     few = found.facing & (np.arange(len(found.facing)) < 5)

@@ -20,7 +20,7 @@ import numpy as np
 
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
-from mien.config import RealtimeSettings
+from mien.config.realtime import AdaptationSettings
 
 _ENTRIES = 128
 _TILTS, _PANS = 5, 9
@@ -33,7 +33,7 @@ _DAMPING = 0.3
 class Adaptation:
     """The offset to the mean descriptors of n landmarks that look strange."""
 
-    def __init__(self, n: int, first: Array, settings: RealtimeSettings) -> None:
+    def __init__(self, n: int, first: Array, settings: AdaptationSettings) -> None:
         """first: (2,) tilt and pan of the first frame in radians, as of `pose_geometry.view_angles`."""
         self.first = first
         self.settings = settings
@@ -65,7 +65,7 @@ class Adaptation:
         observed descriptor less the mean with its offset. The step is that of normalised least mean squares."""
         self.begun = True
         turn = angles - self.first
-        near = math.radians(self.settings.adaptation_turn_deg)
+        near = math.radians(self.settings.turn_deg)
         rate = self.settings.forgetting * turn / (turn @ turn + near * near)
         for slope, by_angle in zip(self.slope.reshape(2, *self.nothing.shape), rate.astype(np.float32), strict=True):
             slope[strange] += by_angle * residual

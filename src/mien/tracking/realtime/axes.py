@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from mien.arrays import Array
-from mien.config import RealtimeSettings
+from mien.config.realtime import AxesSettings
 from mien.geometry.rotation import exp
 from mien.initialization.fit import FirstFrame, most_likely_facing
 from mien.tracking.realtime.shape import ShapePosterior
@@ -42,14 +42,14 @@ class HeadAxes:
         fit: FirstFrame,
         pose: Pose,
         shape: ShapePosterior,
-        settings: RealtimeSettings,
+        settings: AxesSettings,
         covered: float = 0.0,
     ) -> None:
         """pose: of the model in the first frame; covered: share of the landmarks that graphics cover there."""
         self.fit = fit
         self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered)
         self.reported = pose.R
-        self.share = np.array([settings.axes_tilt_share, settings.axes_pan_share])
+        self.share = np.array([settings.tilt_share, settings.pan_share])
         self.R_model_head = np.eye(3)
         self._lean = np.zeros(2)
         self.learn(shape)

@@ -19,6 +19,7 @@ from mien.appearance.texture import texture_of_vertices
 from mien.appearance.views import CENTRE, rotation
 from mien.arrays import Array, Float32, Pixels
 from mien.config import DescriptorSettings, RealtimeSettings
+from mien.config.realtime import MotionSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
@@ -70,7 +71,7 @@ def learn_face(
     posed = _PosedFace(part, eyes, background, surface, (points - fit.t) @ fit.R, normals, fit, near)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
-    patches = (_patches_on(surface, points, fit, camera, settings) - points[:, None]) @ fit.R
+    patches = (_patches_on(surface, points, fit, camera, settings.motion) - points[:, None]) @ fit.R
     return LearnedFace(neutral, normals, np.ascontiguousarray(patches), coarse, fine)
 
 
@@ -126,11 +127,13 @@ class _ViewRenderer:
         behind: (n,) see `_depth_behind`."""
         normals = self.face.normals
         facing = pose_geometry.facing_camera(
-            points, normals, R, self.camera.vector, self.size, self.size, s.hidden_cosine
+            points, normals, R, self.camera.vector, self.size, self.size, s.visibility.hidden_cosine
         )
         cosine = -np.sum(normals @ R.T * points, axis=1) / np.linalg.norm(points, axis=1)
-        clear = facing & (behind < _CLEAR * s.hidden_depth)
-        return np.asarray(clear * (s.sidelong_weight + (1 - s.sidelong_weight) * np.maximum(cosine, 0) ** 2))
+        clear = facing & (behind < _CLEAR * s.visibility.hidden_depth)
+        return np.asarray(
+            clear * (s.views.sidelong_weight + (1 - s.views.sidelong_weight) * np.maximum(cosine, 0) ** 2)
+        )
 
 
 @dataclass(frozen=True)
@@ -163,10 +166,10 @@ class _Changes:
 
 def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
     """The level of a resolution, which learns the one for a face that has turned aside when that is needed."""
-    renderer, evenly = _ViewRenderer(face, descriptor), np.linspace(-1, 1, s.views_per_angle)
-    limit = np.radians([s.view_limit_tilt_deg, s.view_limit_pan_deg])
-    tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.view_crowding)
-    further = np.radians(np.linspace(s.view_limit_pan_deg, s.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
+    renderer, evenly = _ViewRenderer(face, descriptor), np.linspace(-1, 1, s.views.per_angle)
+    limit = np.radians([s.views.limit_tilt_deg, s.views.limit_pan_deg])
+    tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.views.crowding)
+    further = np.radians(np.linspace(s.views.limit_pan_deg, s.views.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
     front = _render_views(renderer, tilts, pans, s)
     changes = _render_changes(renderer, front, s)
 
@@ -203,7 +206,7 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings)
             texture = renderer.moved_eyes[k // _EYE_VIEWS % len(_EYES)]
             eyes.append(renderer.describe(posed, texture)[0] - seen[k])
         if k % _LIT_VIEWS == 0:
-            light = random_light(renderer.normals @ R.T, s.light_contrast, rng)
+            light = random_light(renderer.normals @ R.T, s.views.light_contrast, rng)
             lights.append(renderer.describe(posed, renderer.texture, light)[0] - seen[k])
     return _Changes(np.array(eyes), np.array(lights))
 
@@ -213,9 +216,9 @@ def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: Realt
     limit = np.array([views.tilts[-1], views.pans[-1]])
     terms = np.array([kernels.polynomial(tilt, pan, limit)[0] for tilt, pan in product(views.tilts, views.pans)])
     samples, weight = (part.reshape(len(terms), *part.shape[2:]) for part in (views.seen, views.weight))
-    shares = ((changes.eyes, s.eye_share), (changes.light, 1.0))
+    shares = ((changes.eyes, s.views.eye_share), (changes.light, 1.0))
     spread = np.concatenate([change * np.float32(math.sqrt(share / len(change))) for change, share in shares])
-    appearance = PoseRegression.learn(samples, terms, weight, limit, s.floor, s.rank, spread)
+    appearance = PoseRegression.learn(samples, terms, weight, limit, s.covariance.floor, s.covariance.rank, spread)
     moved_eyes = np.stack([np.mean(changes.eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
     angles = (views.tilts, views.pans)
     return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind)
@@ -255,13 +258,13 @@ def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: 
     return Frame(pixels, frame.index, frame.time)
 
 
-def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: RealtimeSettings) -> Array:
+def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: MotionSettings) -> Array:
     """Grids (n, m, 3) of points on the surface around points (n, 3), camera axes, regular in the first frame's
     image."""
-    side = np.linspace(-1, 1, settings.motion_grid) * camera.focal_px / fit.t[2]
+    side = np.linspace(-1, 1, settings.grid) * camera.focal_px / fit.t[2]
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    half = np.full(len(points), settings.motion_patch)
-    half[_CORNERS] = settings.motion_corner
+    half = np.full(len(points), settings.patch)
+    half[_CORNERS] = settings.corner
     pixels = camera.project(points)[0][:, None] + grid * half[:, None, None]
     grids = camera.rays(pixels) * points[:, None, 2:]
     return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)

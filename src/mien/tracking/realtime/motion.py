@@ -21,7 +21,7 @@ import numpy as np
 from mien.arrays import Array, Float32, Mask
 from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
-from mien.config import RealtimeSettings
+from mien.config.realtime import MotionSettings
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.definite import inverse_definite, solve_positive
 from mien.tracking.realtime.kernels import PriorArrays, add_prior
@@ -66,16 +66,16 @@ class Motion:
     """The patches around the landmarks in the last frame, and their alignment with the next. weight: (n,) how far each
     patch counts in the next measurement."""
 
-    def __init__(self, patches: Array, mouth: Mask, settings: RealtimeSettings) -> None:
+    def __init__(self, patches: Array, mouth: Mask, jaw: float, settings: MotionSettings) -> None:
         """patches: (n, m, 3) points around each landmark, relative to it, head axes; mouth: (n,) which of them are on
-        the mouth."""
+        the mouth; jaw: standard deviation of the change of `jaw_drop` in a frame."""
         self.settings = settings
         self.patches = np.ascontiguousarray(np.swapaxes(patches, 1, 2))  # by coordinate: read several points at a time
         floor = np.repeat(
-            [math.radians(settings.motion_rotation_deg), settings.motion_translation, settings.motion_animation],
+            [math.radians(settings.rotation_deg), settings.translation, settings.animation],
             [3, 3, 6],
         )
-        floor[6 + JAW_DROP] = settings.prior_jaw  # a mouth that opens shows what the last frame did not
+        floor[6 + JAW_DROP] = jaw  # a mouth that opens shows what the last frame did not
         self.least_drift = floor**2
         self.template: Template | None = None
         self.weight = np.zeros(len(patches))
@@ -102,15 +102,15 @@ class Motion:
         assert self.template is not None, "the last frame is remembered before a motion is measured"
         template, contrast = tuple(self.template), self.template.norms**2 / self.patches.shape[2]
         (R, t, a), information = align(
-            image, person, self.patches, template, self.weight, tuple(prior), view, s.motion_robust_factor,
-            np.zeros_like(contrast), s.motion_iterations, s.motion_tolerance,
+            image, person, self.patches, template, self.weight, tuple(prior), view, s.robust_factor,
+            np.zeros_like(contrast), s.iterations, s.tolerance,
         )  # fmt: skip
         held = prior._replace(pose=(R, t, a), information=prior.information + self.held)
         (_, _, a), _ = align(
-            image, person, self.patches, template, self.weight * self.mouth, tuple(held), view, s.motion_robust_factor,
-            s.motion_mouth_share**2 * contrast, s.motion_iterations, s.motion_tolerance,
+            image, person, self.patches, template, self.weight * self.mouth, tuple(held), view, s.robust_factor,
+            s.mouth_share**2 * contrast, s.iterations, s.tolerance,
         )  # fmt: skip
-        covariance = inverse_definite(information / s.motion_noise + prior.information)
+        covariance = inverse_definite(information / s.noise + prior.information)
         return (R, t, a), covariance
 
     def drift(self, step: Array) -> Array:
@@ -118,7 +118,7 @@ class Motion:
         s = step.tolist()
         turned, moved = math.hypot(*s[:3]), math.hypot(*s[3:6])
         length = np.array([turned, turned, turned, moved, moved, moved, *s[6:]])
-        return np.asarray(self.least_drift + self.settings.motion_share**2 * length * length)
+        return np.asarray(self.least_drift + self.settings.share**2 * length * length)
 
 
 @kernel()

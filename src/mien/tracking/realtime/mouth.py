@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mien.candide.model import MOVES_MOUTH
-from mien.config import RealtimeSettings
+from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.prior import StatePrior
@@ -22,7 +22,7 @@ class MouthSearch:
     """Starts the solver again from other mouths where the one that it found does not fit. strange_frames: for how many
     frames a moved mouth has not."""
 
-    def __init__(self, person: Person, solver: PoseSolver, prior: StatePrior, settings: RealtimeSettings) -> None:
+    def __init__(self, person: Person, solver: PoseSolver, prior: StatePrior, settings: MouthSettings) -> None:
         self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
         self.strange_frames = 0
 
@@ -30,7 +30,7 @@ class MouthSearch:
         """A jaw can move further in a frame than its patches reach: where these do not fit, start from other
         openings."""
         s = self.settings
-        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_retry_distance * len(JAW):
+        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW):
             return best
         for jaw in _JAW_STARTS:
             if abs(jaw - best.pose.animation[JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
@@ -47,13 +47,13 @@ class MouthSearch:
         moved = np.abs(best.pose.animation - self.prior.rest)[MOVES_MOUTH].max()
         usual = self.person.expected[mouth]
         misfit = float((best.d2[mouth] / usual).mean()) if mouth.any() else 0.0
-        strange = moved > s.mouth_retry_moved and misfit > s.mouth_retry_distance
+        strange = moved > s.moved and misfit > s.distance
         self.strange_frames = self.strange_frames + 1 if strange else 0
-        if self.strange_frames % s.mouth_retry_interval != 1:
+        if self.strange_frames % s.interval != 1:
             return best
         rest = np.where(MOVES_MOUTH, self.prior.rest, best.pose.animation)
         at_rest = self.prior.prediction(replace(best.pose, animation=rest), predicted.last)
         alone = self.solver.solve(view.of_landmarks(mouth), at_rest.pose, at_rest)
-        if (alone.d2[mouth] / usual).mean() > s.mouth_retry_share * misfit:
+        if (alone.d2[mouth] / usual).mean() > s.share * misfit:
             return best
         return self.solver.solve(view, at_rest.pose, at_rest)

@@ -91,18 +91,18 @@ class Person:
         self.shape: ShapePosterior = (
             deepcopy(before.shape)
             if before
-            else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s)
+            else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s.shape)
         )
         self.neutral = self.shape.mean
-        self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s)
-        self.expected = np.full(n, s.expected_distance)
+        self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s.adaptation)
+        self.expected = np.full(n, s.weights.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
-        self.tolerance = np.full(n, s.robust_factor)
-        self.tolerance[JAW] *= s.jaw_tolerance
-        self.tolerance[_NOSE] *= s.nose_tolerance
-        angle = np.radians(s.appearance_angle_sd_deg)
+        self.tolerance = np.full(n, s.weights.robust_factor)
+        self.tolerance[JAW] *= s.weights.jaw_tolerance
+        self.tolerance[_NOSE] *= s.weights.nose_tolerance
+        angle = np.radians(s.misplacement.angle_sd_deg)
         self.temples = np.array([name in _TEMPLES for name in TRACKED])
-        self.least_variance = np.where(self.temples, s.temple_sd, s.location_sd) ** 2
+        self.least_variance = np.where(self.temples, s.misplacement.temple_sd, s.misplacement.least_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
         self.learned_shut = _opening(face.neutral) < _SHUT
@@ -138,7 +138,7 @@ class Person:
         """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
         no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
         pixels_per_unit, measured = level.descriptor.pixels_per_unit, self.face.fine.descriptor.pixels_per_unit
-        error = self.settings.unit_error * pixels_per_unit * (animation - self.rest)
+        error = self.settings.misplacement.unit_error * pixels_per_unit * (animation - self.rest)
         variance: Array = kernels.misplacement_variance(self.variance, pixels_per_unit / measured, self.units, error)
         return variance
 
@@ -148,26 +148,32 @@ class Person:
         s, w = self.settings, solution.w
         # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
         trusted = solution.facing & (w > TRUSTED)
-        _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
-        np.minimum(self.expected, s.expected_distance, out=self.expected)  # some are trusted beyond what is expected
+        _update_average(
+            self.expected[:, None], 1, solution.d2, trusted, s.weights.expectation_rate, s.weights.least_distance
+        )
+        np.minimum(
+            self.expected, s.weights.expected_distance, out=self.expected
+        )  # some are trusted beyond what is expected
         self._learn_locations(solution)
         self._learn_eyes(solution, agreement)
-        return s.learn_shape and self._learn_shape(solution)
+        return s.shape.learn and self._learn_shape(solution)
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture
         has become worse, as by noise in the evening, or the face looks otherwise, as where somebody weeps."""
         s, worse = self.settings, solution.misfit - 1
-        if 0 < worse < math.inf and self._turned_deg(solution) < s.quality_turn_deg:
-            self.expected = np.minimum((1 + s.quality_rate * worse) * self.expected, s.expected_distance)
+        if 0 < worse < math.inf and self._turned_deg(solution) < s.weights.quality_turn_deg:
+            self.expected = np.minimum(
+                (1 + s.weights.quality_rate * worse) * self.expected, s.weights.expected_distance
+            )
 
     def learn_view(self, solution: Solution, agreement: Array) -> None:
         """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
         from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""
         s = self.settings
-        if self._turned_deg(solution) <= s.view_turn_deg:
+        if self._turned_deg(solution) <= s.adaptation.view_turn_deg:
             return
-        strange = self._strange(solution, agreement, s.view_strange_distance)
+        strange = self._strange(solution, agreement, s.adaptation.view_strange_distance)
         if strange.any():
             self.adaptation.learn_view(solution.pose.angles, solution.at.residual[strange], strange)
 
@@ -179,8 +185,12 @@ class Person:
             seen = solution.facing & (agreement > _SAME_PATCH)
             eyes, others = (solution.misfit_of(seen & of) for of in (self.eyes, ~self.eyes))
             if 0 < eyes < math.inf and 0 < others < math.inf:
-                self.spectacles_evidence += s.spectacles_rate * (math.log(eyes / others) - self.spectacles_evidence)
-        least = s.strange_distance if self.spectacles_evidence < SPECTACLES else s.spectacles_distance
+                self.spectacles_evidence += s.adaptation.spectacles_rate * (
+                    math.log(eyes / others) - self.spectacles_evidence
+                )
+        least = (
+            s.adaptation.strange_distance if self.spectacles_evidence < SPECTACLES else s.adaptation.spectacles_distance
+        )
         strange = self.eyes & self._strange(solution, agreement, least)
         if strange.any():
             self.adaptation.learn_eyes(solution.pose.angles, solution.at.residual[strange], strange)
@@ -200,7 +210,7 @@ class Person:
         s = self.settings
         found = solution.facing & (solution.w > 1e-3)
         variance = self.least_variance + solution.squared_misplacement(_LARGEST_MISPLACEMENT)
-        _update_average(self.variance, 2, variance, found, s.location_rate, 0.0)
+        _update_average(self.variance, 2, variance, found, s.misplacement.rate, 0.0)
 
     def _learn_shape(self, solution: Solution) -> bool:
         s, pose = self.settings, solution.pose
@@ -209,9 +219,9 @@ class Person:
             return False
         tilt, pan = pose.angles
         expression = pose.animation - self.rest
-        worth = 1 / (1 + float(expression @ expression) / s.expression_sd**2)
+        worth = 1 / (1 + float(expression @ expression) / s.shape.expression_sd**2)
         novelty = self.shape.novelty(tilt, pan, worth)
-        if novelty < s.least_novelty:
+        if novelty < s.shape.least_novelty:
             return False
         regularizer = novelty * _STEP_INFORMATION
         weight = novelty * solution.w * (1 - share)

@@ -29,13 +29,13 @@ class StatePrior:
     def __init__(self, first: Pose, settings: RealtimeSettings) -> None:
         """first: pose of the first frame, whose animation is the rest."""
         s = settings
-        sd = state_sd(s.prior_rotation_deg, s.prior_translation, s.prior_depth, s.prior_animation, s.prior_jaw)
+        sd = state_sd(s.prior.rotation_deg, s.prior.translation, s.prior.depth, s.prior.animation, s.prior.jaw)
         self.settings = s
         self.information = np.diag(1 / sd**2)
         self.rest, self.seen_from = first.animation, first.seen_from
-        self.rest_information, self.firmness = np.full(6, s.rest_animation**-2), np.full(6, s.rest_firmness)
-        self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest_mouth**-2, s.rest_mouth_firmness
-        self.firmness[JAW_DROP] = s.rest_jaw_firmness
+        self.rest_information, self.firmness = np.full(6, s.rest.animation**-2), np.full(6, s.rest.firmness)
+        self.rest_information[MOVES_MOUTH], self.firmness[MOVES_MOUTH] = s.rest.mouth**-2, s.rest.mouth_firmness
+        self.firmness[JAW_DROP] = s.rest.jaw_firmness
 
     def prediction(self, pose: Pose, last: Pose) -> Prediction:
         """The prediction of a pose by the last one alone, without a measured motion."""
@@ -50,7 +50,7 @@ class StatePrior:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""
         s = self.settings
         squared_sine = max(1 - float(predicted.pose.seen_from @ self.seen_from) ** 2, 0.0)
-        turned = squared_sine / math.sin(math.radians(s.rest_turn_deg)) ** 2
-        moved = (predicted.last.animation - self.rest) / s.rest_within
+        turned = squared_sine / math.sin(math.radians(s.rest.turn_deg)) ** 2
+        moved = (predicted.last.animation - self.rest) / s.rest.within
         information: Array = kernels.student_information(self.rest_information, moved, self.firmness, 1 + turned)
         return information

@@ -18,7 +18,7 @@ import numpy as np
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.views import crop_camera, crop_of_face
 from mien.arrays import Array, Float32, Pixels
-from mien.config import RealtimeSettings
+from mien.config.realtime import RecoverySettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import exp
@@ -199,7 +199,7 @@ class Recovery:
     """
 
     def __init__(
-        self, fit: FirstFrame, first: Pose, camera: Camera, solver: PoseSolver, prior: StatePrior, s: RealtimeSettings
+        self, fit: FirstFrame, first: Pose, camera: Camera, solver: PoseSolver, prior: StatePrior, s: RecoverySettings
     ) -> None:
         """first: pose of the first frame, as the learned appearance gives it."""
         self.fit, self.R_first, self.camera = fit, first.R, camera
@@ -229,7 +229,7 @@ class Recovery:
 
     def _is_due(self, frames: int) -> bool:
         """Whether to search the image now that the face has been away for some frames."""
-        return frames < 3 or frames % self.settings.recovery_interval == 0
+        return frames < 3 or frames % self.settings.interval == 0
 
     def _doubts(self, here: Solution, is_doubted: bool) -> bool:
         """Whether to search for the face elsewhere: every so many frames while its identity is doubted."""
@@ -239,7 +239,7 @@ class Recovery:
 
     def _proposals(self, frame: Frame, last: Pose, lost_frames: int) -> Iterator[tuple[Array, Array]]:
         s = self.settings
-        thorough = lost_frames < s.recovery_patience or lost_frames % (3 * s.recovery_interval) == 0
+        thorough = lost_frames < s.patience or lost_frames % (3 * s.interval) == 0
         yield from find_by_detector(frame, self.fit, self.camera, last.roll, thorough)
         known = self.keyframes.find(frame, last.t) if thorough else None
         if known is not None:

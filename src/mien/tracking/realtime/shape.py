@@ -14,7 +14,7 @@ import numpy as np
 
 from mien.arrays import Array, Mask
 from mien.compiled import kernel
-from mien.config import RealtimeSettings
+from mien.config.realtime import ShapeSettings
 from mien.initialization.shape_prior import proximity
 from mien.tracking.realtime.definite import cholesky, solve_definite
 from mien.tracking.realtime.kernels import add_landmark
@@ -34,9 +34,7 @@ class ShapePosterior:
     flat.
     """
 
-    def __init__(
-        self, neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
-    ) -> None:
+    def __init__(self, neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: ShapeSettings) -> None:
         """neutral, normals: (n, 3); eyes: (n,) which landmarks belong to eyes and brows; R, t: pose of the first
         frame."""
         self.settings = settings
@@ -63,7 +61,7 @@ class ShapePosterior:
         key = (self._bin(tilt), self._bin(pan))
         count = self.visits.get(key, 0.0)
         self.visits[key] = count + worth
-        return self.settings.shape_rate * worth / (1 + count)
+        return self.settings.rate * worth / (1 + count)
 
     def add(self, neutral: Array, Lambda: Array, gradient: Array, novelty: float) -> bool:
         """Add information that was linearised at `neutral`, of the novelty that `novelty` gave; returns whether there
@@ -84,7 +82,7 @@ class ShapePosterior:
         self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
 
     def _bin(self, angle: float) -> int:
-        return round(float(np.degrees(angle)) / self.settings.shape_bin_deg)
+        return round(float(np.degrees(angle)) / self.settings.bin_deg)
 
 
 @kernel()
@@ -136,9 +134,7 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
     return Lambda, gradient
 
 
-def prior_covariance(
-    neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: RealtimeSettings
-) -> Array:
+def prior_covariance(neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: ShapeSettings) -> Array:
     """(3n, 3n): what the first frame leaves open, which is much along its rays and little across them.
 
     Depths err together where landmarks are near or mirror each other, and more on steep surfaces; the relief of the

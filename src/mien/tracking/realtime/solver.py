@@ -57,9 +57,15 @@ class PoseSolver:
         image = camera.sample(frame, level.descriptor.blur)
         X, R = self.person.in_camera(pose), pose.arrays[0]
         facing = pose_geometry.facing_camera(
-            X, self.face.normals, R, self.camera_vector, frame.width, frame.height, self.settings.hidden_cosine
+            X,
+            self.face.normals,
+            R,
+            self.camera_vector,
+            frame.width,
+            frame.height,
+            self.settings.visibility.hidden_cosine,
         )
-        facing &= level.depth_behind(pose.angles) < self.settings.hidden_depth
+        facing &= level.depth_behind(pose.angles) < self.settings.visibility.hidden_depth
         if frame.graphics is not None:
             facing &= self._uncovered(frame.graphics, X, level.descriptor.reach / camera.scale)
         if is_blank(image):
@@ -71,22 +77,22 @@ class PoseSolver:
         that their descriptors extend to each side."""
         points, ahead = self.camera.project(X)
         points = np.where(ahead[:, None], points, -math.inf)
-        return graphics.share_around(points, reach) < self.settings.covered_share
+        return graphics.share_around(points, reach) < self.settings.visibility.covered_share
 
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
         s = self.settings
-        found = self.posterior(view, predicted).solve(start.arrays, s.iterations, s.tolerance)
+        found = self.posterior(view, predicted).solve(start.arrays, s.solver.iterations, s.solver.tolerance)
         return Solution(Pose(*found.pose), found.energy, found.at, view.facing, self.person.expected.copy())
 
     def misfits(self, found: Solution) -> bool:
         """Whether a solution looks unlike the face."""
-        return found.misfit > self.settings.retry_distance
+        return found.misfit > self.settings.solver.retry_distance
 
     def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) in one view, with its prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance
-        trust = 1 / (1 + level.lack_of_fit(view.pose.angles) / self.settings.lack_of_fit)
+        trust = 1 / (1 + level.lack_of_fit(view.pose.angles) / self.settings.covariance.lack_of_fit)
         return PosePosterior(
             maps=view.maps,
             sampling=view.sampling,
@@ -109,5 +115,5 @@ class PoseSolver:
     def _fits(self, view: View, pose: Pose) -> bool:
         """Whether the crop of a view was made for nearly the roll, scale and position of a face at a pose."""
         s, (roll, scale) = self.settings, view.roll_and_scale(pose)
-        upright = abs(math.degrees(roll)) <= s.crop_roll_deg
-        return upright and abs(scale - 1) <= s.crop_scale and view.shift(pose) <= s.crop_shift
+        upright = abs(math.degrees(roll)) <= s.solver.crop_roll_deg
+        return upright and abs(scale - 1) <= s.solver.crop_scale and view.shift(pose) <= s.solver.crop_shift

@@ -102,15 +102,15 @@ class RealtimeTracker:
         self.prior = StatePrior(self.pose, s)
         self.solver = PoseSolver(self.person, camera, self.prior, s)
         self.velocity = np.zeros(12)
-        self.motion = Motion(self.face.patches, self.person.mouth, s)
+        self.motion = Motion(self.face.patches, self.person.mouth, s.prior.jaw, s.motion)
         self.identity = Identity(1.0 - self.person.temples)
-        self.mouth = MouthSearch(self.person, self.solver, self.prior, s)
+        self.mouth = MouthSearch(self.person, self.solver, self.prior, s.mouth)
         self.lost_frames = 0
         settled = self._refine_first_pose(frame)
-        self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s)
+        self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
-        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s, covered)
+        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
@@ -153,7 +153,7 @@ class RealtimeTracker:
         if found is not None:
             (view, solution), status = found, Status.RECOVERED
             self.closing = self.person.closing(solution)
-        elif solution.inlier_share(s.seen_distance) < s.least_share:
+        elif solution.inlier_share(s.recovery.seen_distance) < s.recovery.least_share:
             return self._lose(frame, view, solution)
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head keeps moving, an expression does not
@@ -225,11 +225,13 @@ class RealtimeTracker:
     def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; coarse to fine where the first one does not look like the face."""
         s = self.settings
-        predicted = self.prior.prediction(self.pose.moved(s.velocity * self.velocity), self.pose)
+        predicted = self.prior.prediction(self.pose.moved(s.prior.velocity * self.velocity), self.pose)
         view = self.solver.view(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._predict_from_motion(view, predicted)
         view, best = self.solver.refine(frame, moved, view=view)
-        if self.solver.misfits(best) and (moved is predicted or best.inlier_share(s.seen_distance) < s.retry_share):
+        if self.solver.misfits(best) and (
+            moved is predicted or best.inlier_share(s.recovery.seen_distance) < s.solver.retry_share
+        ):
             if moved is not predicted:
                 view, best = self.solver.refine(frame, predicted)
             for start in (predicted.pose, self.pose):
@@ -238,7 +240,7 @@ class RealtimeTracker:
                     view, best = again, fine
             moved = predicted
         self.closing = self.person.closing(best, self.closing)
-        blinking = self.closing is not None and self.closing.share > s.closing_share
+        blinking = self.closing is not None and self.closing.share > s.visibility.closing_share
         if blinking and not self.lost_frames and not self.solver.misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
         best = self.mouth.relaxed(view, self.mouth.opened(view, best, moved), predicted)
@@ -248,10 +250,10 @@ class RealtimeTracker:
         """Where few landmarks are seen, fuse the solution with the prediction, each weighed by its information: that a
         head moves little in a frame then says more than the landmarks do."""
         s = self.settings
-        d2, share = found.seen(s.seen_distance)
-        if share >= s.hold_share:
+        d2, share = found.seen(s.recovery.seen_distance)
+        if share >= s.hold.share:
             return found
-        sd = state_sd(s.hold_rotation_deg, s.hold_translation, s.hold_translation, s.hold_animation, s.prior_jaw)
+        sd = state_sd(s.hold.rotation_deg, s.hold.translation, s.hold.translation, s.hold.animation, s.prior.jaw)
         inertia = np.diag(1 / sd**2)
         information = found.at.H / frame_variance(d2, share)
         back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
@@ -294,8 +296,12 @@ class RealtimeTracker:
         n = len(LANDMARK_NAMES)
         closing = self.closing
         X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
-        shut = self.person.eyes[:n] if closing and closing.share > self.settings.closing_share else np.zeros(n, bool)
-        d2, share = solution.seen(self.settings.seen_distance)
+        shut = (
+            self.person.eyes[:n]
+            if closing and closing.share > self.settings.visibility.closing_share
+            else np.zeros(n, bool)
+        )
+        d2, share = solution.seen(self.settings.recovery.seen_distance)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
         shape, learned = self.person.shape, self.person.learned_share(solution)

@@ -1,0 +1,7 @@
+"""Settings: frozen, validated, and saved with every result. The paper's values are `PaperSettings()`."""
+
+from mien.config.paper import PaperSettings
+from mien.config.realtime import RealtimeSettings
+from mien.config.settings import DescriptorSettings, Settings, read_settings
+
+__all__ = ["DescriptorSettings", "PaperSettings", "RealtimeSettings", "Settings", "read_settings"]
