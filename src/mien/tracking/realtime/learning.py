@@ -131,9 +131,8 @@ class _ViewRenderer:
         )
         cosine = -np.sum(normals @ R.T * points, axis=1) / np.linalg.norm(points, axis=1)
         clear = facing & (behind < _CLEAR * s.visibility.hidden_depth)
-        return np.asarray(
-            clear * (s.views.sidelong_weight + (1 - s.views.sidelong_weight) * np.maximum(cosine, 0) ** 2)
-        )
+        least = s.views.sidelong_weight
+        return np.asarray(clear * (least + (1 - least) * np.maximum(cosine, 0) ** 2))
 
 
 @dataclass(frozen=True)

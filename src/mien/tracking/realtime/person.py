@@ -145,52 +145,47 @@ class Person:
     def learn(self, solution: Solution, agreement: Array) -> bool:
         """Learn from a frame in which the face looks familiar; returns whether the shape has changed. agreement: (n,)
         see `PatchHistory`."""
-        s, w = self.settings, solution.w
-        # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
-        trusted = solution.facing & (w > TRUSTED)
-        _update_average(
-            self.expected[:, None], 1, solution.d2, trusted, s.weights.expectation_rate, s.weights.least_distance
-        )
-        np.minimum(
-            self.expected, s.weights.expected_distance, out=self.expected
-        )  # some are trusted beyond what is expected
+        self._learn_distances(solution)
         self._learn_locations(solution)
         self._learn_eyes(solution, agreement)
-        return s.shape.learn and self._learn_shape(solution)
+        return self.settings.shape.learn and self._learn_shape(solution)
+
+    def _learn_distances(self, solution: Solution) -> None:
+        """Expect of each landmark the distance that it mostly has."""
+        s = self.settings.weights
+        # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
+        trusted = solution.facing & (solution.w > TRUSTED)
+        _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
+        # Some are trusted beyond what is expected.
+        np.minimum(self.expected, s.expected_distance, out=self.expected)
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture
         has become worse, as by noise in the evening, or the face looks otherwise, as where somebody weeps."""
-        s, worse = self.settings, solution.misfit - 1
-        if 0 < worse < math.inf and self._turned_deg(solution) < s.weights.quality_turn_deg:
-            self.expected = np.minimum(
-                (1 + s.weights.quality_rate * worse) * self.expected, s.weights.expected_distance
-            )
+        s, worse = self.settings.weights, solution.misfit - 1
+        if 0 < worse < math.inf and self._turned_deg(solution) < s.quality_turn_deg:
+            self.expected = np.minimum((1 + s.quality_rate * worse) * self.expected, s.expected_distance)
 
     def learn_view(self, solution: Solution, agreement: Array) -> None:
         """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
         from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""
-        s = self.settings
-        if self._turned_deg(solution) <= s.adaptation.view_turn_deg:
+        s = self.settings.adaptation
+        if self._turned_deg(solution) <= s.view_turn_deg:
             return
-        strange = self._strange(solution, agreement, s.adaptation.view_strange_distance)
+        strange = self._strange(solution, agreement, s.view_strange_distance)
         if strange.any():
             self.adaptation.learn_view(solution.pose.angles, solution.at.residual[strange], strange)
 
     def _learn_eyes(self, solution: Solution, agreement: Array) -> None:
         """Learn the appearance of eyes that look strange, sooner if the person wears spectacles."""
-        s = self.settings
+        s = self.settings.adaptation
         low, high = _SPECTACLES_TURN_DEG
         if low < self._turned_deg(solution) < high:
             seen = solution.facing & (agreement > _SAME_PATCH)
             eyes, others = (solution.misfit_of(seen & of) for of in (self.eyes, ~self.eyes))
             if 0 < eyes < math.inf and 0 < others < math.inf:
-                self.spectacles_evidence += s.adaptation.spectacles_rate * (
-                    math.log(eyes / others) - self.spectacles_evidence
-                )
-        least = (
-            s.adaptation.strange_distance if self.spectacles_evidence < SPECTACLES else s.adaptation.spectacles_distance
-        )
+                self.spectacles_evidence += s.spectacles_rate * (math.log(eyes / others) - self.spectacles_evidence)
+        least = s.strange_distance if self.spectacles_evidence < SPECTACLES else s.spectacles_distance
         strange = self.eyes & self._strange(solution, agreement, least)
         if strange.any():
             self.adaptation.learn_eyes(solution.pose.angles, solution.at.residual[strange], strange)

@@ -229,9 +229,8 @@ class RealtimeTracker:
         view = self.solver.view(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._predict_from_motion(view, predicted)
         view, best = self.solver.refine(frame, moved, view=view)
-        if self.solver.misfits(best) and (
-            moved is predicted or best.inlier_share(s.recovery.seen_distance) < s.solver.retry_share
-        ):
+        share = best.inlier_share(s.recovery.seen_distance)
+        if self.solver.misfits(best) and (moved is predicted or share < s.solver.retry_share):
             if moved is not predicted:
                 view, best = self.solver.refine(frame, predicted)
             for start in (predicted.pose, self.pose):
@@ -240,11 +239,14 @@ class RealtimeTracker:
                     view, best = again, fine
             moved = predicted
         self.closing = self.person.closing(best, self.closing)
-        blinking = self.closing is not None and self.closing.share > s.visibility.closing_share
-        if blinking and not self.lost_frames and not self.solver.misfits(best):
+        if self._eyes_are_shut and not self.lost_frames and not self.solver.misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
         best = self.mouth.relaxed(view, self.mouth.opened(view, best, moved), predicted)
         return view, best if self.lost_frames else self._damp(predicted.pose, best)
+
+    @property
+    def _eyes_are_shut(self) -> bool:
+        return self.closing is not None and self.closing.share > self.settings.visibility.closing_share
 
     def _damp(self, predicted: Pose, found: Solution) -> Solution:
         """Where few landmarks are seen, fuse the solution with the prediction, each weighed by its information: that a
@@ -296,11 +298,7 @@ class RealtimeTracker:
         n = len(LANDMARK_NAMES)
         closing = self.closing
         X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
-        shut = (
-            self.person.eyes[:n]
-            if closing and closing.share > self.settings.visibility.closing_share
-            else np.zeros(n, bool)
-        )
+        shut = self.person.eyes[:n] & self._eyes_are_shut
         d2, share = solution.seen(self.settings.recovery.seen_distance)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
