@@ -73,6 +73,30 @@ def test_every_frame_has_its_estimate(folder: Path) -> None:
     assert [estimate.status.success for _, estimate in pairs] == [index in SEEN for index in range(FRAMES)]
 
 
+def test_a_face_at_the_side_is_learned_as_a_camera_sees_it_that_looks_at_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a file; with the camera of the stream."""
+    asked: list[tuple[int, float]] = []
+
+    def straightened(frame: Frame, face: Landmarks, camera: Camera) -> Landmarks:
+        asked.append((frame.index, camera.focal_px))
+        return replace(face, source="straight")
+
+    learned: list[str] = []
+
+    class Learning(Told):
+        def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+            learned.append(landmarks.source)
+            return super().initialize(frame, landmarks, camera)
+
+    monkeypatch.setattr(live, "straightened", straightened)
+    monkeypatch.setattr(live, "create_tracker", lambda name: Learning())
+    list(mien.stream(folder, focal_px=500))
+    assert asked == [(SEEN.start, 500.0)]
+    assert learned == ["straight"]
+
+
 def test_a_tracker_is_created_for_every_face_that_is_learned(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first of them when the stream is asked for, so that an unknown preset is told at once."""
     created: list[str] = []

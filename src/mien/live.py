@@ -15,6 +15,7 @@ from mien.errors import MienError, interruption, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
+from mien.initialization.straight import straightened
 from mien.pipeline.passes import warn_of_first_frame
 from mien.pipeline.run import tracked
 from mien.registry import DEFAULT_PRESET, called, checked, create_tracker
@@ -82,10 +83,10 @@ def _stream(
             patience = Patience(footage.camera_of(frame), face)
         faces = patience(frame) if tracker is None or (doubtful and frame.time - seen > anew_after) else []
         if faces:
-            learned = first or create_tracker(preset)
+            learned, face_seen = first or create_tracker(preset), straightened(frame, faces[0], patience.camera)
             with called(learned):
                 try:
-                    estimate = learned.initialize(frame, faces[0], patience.camera)
+                    estimate = learned.initialize(frame, face_seen, patience.camera)
                 except MienError as error:
                     if first is not None:
                         raise
@@ -93,7 +94,7 @@ def _stream(
                 else:
                     estimate = checked(estimate, learned, frame)
                     tracker, first, seen = learned, None, frame.time
-                    warn_of_first_frame(estimate, faces[0], footage.video, tracker)
+                    warn_of_first_frame(estimate, face_seen, footage.video, tracker)
             patience = Patience(patience.camera, face)
         else:
             estimate = tracked(tracker, frame) if tracker else before_start(frame, patience)

@@ -12,7 +12,7 @@ from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import exp
-from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_of_scheme
+from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_by_name, rows_of_scheme
 from mien.start.looks import (
     LEAST_DETAIL,
     PER_DEGREE,
@@ -20,6 +20,7 @@ from mien.start.looks import (
     PER_UPPER,
     detail,
     expected_errors,
+    eye_opening,
     rotation_of,
 )
 from small_motion import face, small_motion
@@ -52,6 +53,18 @@ def errors(*looks: Landmarks, details: tuple[float, ...] = ()) -> Array:
 def test_a_face_at_rest_that_looks_into_the_camera() -> None:
     """However large it is, and wherever its roll."""
     np.testing.assert_allclose(errors(look(), look(scale=2), look((0, 0, 30))), 1, atol=1e-6)
+
+
+def test_the_opening_of_the_eyes_by_hand() -> None:
+    seen = replace(look(), points=look().points.copy())
+    rows = {name: rows_by_name("mediapipe478")[name] for name in LANDMARK_VERTICES if "eye" in name}
+    for side, opening in (("right", 3.0), ("left", 5.0)):
+        for name, point in {
+            "eye_outer_corner": (0.0, 0.0), "eye_inner_corner": (16.0, 12.0),
+            "eyelid_upper_mid": (8.0, 4.0), "eyelid_lower_mid": (8.0, 4.0 + opening),
+        }.items():  # fmt: skip
+            seen.points[rows[f"{side}_{name}"]] = point
+    assert eye_opening(seen) == pytest.approx((3 / 20 + 5 / 20) / 2)
 
 
 def test_a_grin_costs_even_where_it_is_usual() -> None:

@@ -19,7 +19,7 @@ from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
-from mien.initialization.landmarks import Landmarks, Point, place_of, rows_of_scheme
+from mien.initialization.landmarks import Landmarks, Point, place_of, rows_by_name, rows_of_scheme
 from mien.start import search
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
@@ -256,6 +256,28 @@ def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
     assert camera.shown == len(PANS_DEG)
     assert [(e.index, e.status) for e in begin.passed] == [(k, Status.LOST) for k in range(index)]
     assert {e.reason for e in begin.passed} == {"waiting for the face to look into the camera"}
+
+
+@pytest.mark.parametrize(("patience_s", "index"), [(3.0, 15), (0.5, 13)])
+def test_a_camera_waits_a_while_for_open_eyes(
+    patience_s: float, index: int, detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As there is no going back to a frame before a blink, from which eyes could be learned."""
+    shut = range(11, 15)
+
+    def detect_once(frame: Frame, at: Point | None) -> list[Landmarks]:
+        look = _true_look(turning, frame.index)
+        if frame.index not in shut:
+            return [look]
+        rows, points = rows_by_name(look.scheme), look.points.copy()
+        for side in ("right", "left"):
+            points[rows[f"{side}_eyelid_upper_mid"]] = points[rows[f"{side}_eyelid_lower_mid"]]
+        return [replace(look, points=points)]
+
+    monkeypatch.setattr("mien.initialization.detector.detect_once", detect_once)
+    monkeypatch.setattr(search, "_PATIENCE", patience_s)
+    patience = search.Patience(face().camera)
+    assert next(frame.index for frame in turning.frames if patience(frame)) == index
 
 
 def test_frames_that_end_before_the_face_looks_into_the_camera(detector: set[int], turning: SyntheticSequence) -> None:

@@ -7,6 +7,7 @@ was measured (docs/benchmark.md).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -64,6 +65,21 @@ def detail(frame: Frame, look: Landmarks) -> float:
     smaller = min(part.shape) > _DETAIL_PX
     face = cv2.resize(part, (_DETAIL_PX, _DETAIL_PX), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
     return float(np.abs(cv2.Laplacian(face, cv2.CV_32F)).mean() / max(float(face.std()), 1.0))
+
+
+def eye_opening(look: Landmarks) -> float:
+    """Height of the eyes between the lids over their width, the mean of both, as the image shows them."""
+    rows = rows_by_name(look.scheme)
+
+    def apart(side: str, one: str, other: str) -> float:
+        a, b = (look.points[rows[f"{side}_{name}"]].mean(axis=0) for name in (one, other))
+        return math.dist(a, b)
+
+    shares = [
+        apart(side, "eyelid_upper_mid", "eyelid_lower_mid") / apart(side, "eye_outer_corner", "eye_inner_corner")
+        for side in ("right", "left")
+    ]
+    return sum(shares) / 2
 
 
 def expected_errors(looks: Sequence[Landmarks], details: Sequence[float], camera: Camera, R: Array, t: Array) -> Array:
