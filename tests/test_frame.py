@@ -27,6 +27,10 @@ def test_gray_is_luminance() -> None:
     assert (frame.width, frame.height) == (3, 2)
 
 
+def test_one_line_tells_of_a_frame() -> None:
+    assert repr(Frame(gradient(0), 12, 0.5)) == "<Frame 12 at 0.50 s, 64x48 pixels>"
+
+
 @pytest.mark.parametrize(
     ("pixels", "told"),
     [

@@ -35,6 +35,9 @@ class Frame:
         self.height, self.width = (int(n) for n in pixels.shape[:2])
         self.graphics: Graphics | None = None
 
+    def __repr__(self) -> str:
+        return f"<Frame {self.index} at {self.time:.2f} s, {self.width}x{self.height} pixels>"
+
     def behind(self, graphics: Graphics | None) -> Frame:
         """The same frame, whose luminance has these graphics painted over; `pixels` stay as they are."""
         if graphics is self.graphics:

@@ -51,6 +51,9 @@ class TrackedLandmarks:
     visibility: Array | None = None
     distance: Array | None = None
 
+    def __repr__(self) -> str:
+        return f"<TrackedLandmarks: {len(self.names)}>"
+
 
 @dataclass(frozen=True)
 class Closing:
@@ -90,6 +93,17 @@ class Estimate:
     def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:
         """The estimate of a frame without a face, and why."""
         return cls(frame.index, frame.time, Status.LOST, mm_per_unit=mm_per_unit, reason=reason)
+
+    def __repr__(self) -> str:
+        told = [self.status.value]
+        if self.euler is not None:
+            pitch, yaw, roll = np.degrees(self.euler)
+            told += [f"yaw {yaw:+.1f}", f"pitch {pitch:+.1f}", f"roll {roll:+.1f} degrees"]
+        if self.status.success:
+            told.append(f"confidence {100 * self.confidence:.0f}%")
+        if self.reason:
+            told.append(self.reason)
+        return f"<Estimate of frame {self.index} at {self.time:.2f} s: {', '.join(told)}>"
 
     @property
     def expression(self) -> Array:

@@ -1,0 +1,29 @@
+"""What is told of one frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mien.frame import Frame
+from mien.geometry.rotation import FACING, matrix_from_euler
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
+
+FRAME = Frame(np.zeros((48, 64, 3), np.uint8), 12, 0.5)
+
+
+def _estimate() -> Estimate:
+    """A tracked face with everything that is estimated, of 26 landmarks."""
+    R = matrix_from_euler(np.radians([-4.0, 12.34, 0.8])) @ FACING
+    landmarks = TrackedLandmarks(("nose_tip",) * 26, *(np.zeros((26, k)) for k in (2, 3)), np.ones(26), np.ones(26))
+    return Estimate(
+        12, 0.5, Status.TRACKED, R, np.array([0.0, 0, 5]), np.zeros(6), np.eye(12), landmarks, 0.97, model_rotation=R
+    )
+
+
+def test_one_line_tells_of_an_estimate() -> None:
+    told = "<Estimate of frame 12 at 0.50 s: tracked, yaw +12.3, pitch -4.0, roll +0.8 degrees, confidence 97%>"
+    assert repr(_estimate()) == told
+    assert repr(_estimate().landmarks) == "<TrackedLandmarks: 26>"
+    lost = Estimate.lost(FRAME, "the face left the image")
+    assert repr(lost) == "<Estimate of frame 12 at 0.50 s: lost, the face left the image>"
+    assert repr(Estimate(0, 0.0, Status.LOST)) == "<Estimate of frame 0 at 0.00 s: lost>"
