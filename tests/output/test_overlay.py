@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -123,10 +124,11 @@ def test_drawing_works_with_whatever_is_known() -> None:
     lost = Estimate.lost(GREY, "the face left the picture")
     assert _changed(draw(GREY, [FaceOverlay(lost)], CAMERA))[440:].any()
     assert not _changed(draw(GREY, [FaceOverlay(lost, _mesh())], CAMERA))[:430].any()
-    hidden = _estimate(np.linspace(0, 1, 26))
-    assert hidden.landmarks is not None
-    hidden.landmarks.image[3] = np.nan
-    draw(GREY, [FaceOverlay(hidden, _mesh())], CAMERA)
+    landmarks = _estimate(np.linspace(0, 1, 26)).landmarks
+    assert landmarks is not None
+    image = np.where(np.arange(26)[:, None] == 3, np.nan, landmarks.image)
+    behind = replace(_estimate(), landmarks=replace(landmarks, image=image))
+    draw(GREY, [FaceOverlay(behind, _mesh())], CAMERA)
     draw(GREY, [FaceOverlay(Estimate(0, 0, Status.TRACKED))], CAMERA)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from mien.frame import Frame
 from mien.geometry.rotation import FACING, matrix_from_euler
@@ -27,3 +30,14 @@ def test_one_line_tells_of_an_estimate() -> None:
     lost = Estimate.lost(FRAME, "the face left the image")
     assert repr(lost) == "<Estimate of frame 12 at 0.50 s: lost, the face left the image>"
     assert repr(Estimate(0, 0.0, Status.LOST)) == "<Estimate of frame 0 at 0.00 s: lost>"
+
+
+def test_arrays_of_an_estimate_cannot_be_written_to_and_those_of_its_tracker_can() -> None:
+    estimate, covariance = _estimate(), np.eye(12)
+    for value in (estimate, replace(estimate, covariance=covariance), estimate.landmarks):
+        arrays = [array for array in vars(value).values() if isinstance(array, np.ndarray)]
+        assert len(arrays) >= 4
+        for array in arrays:
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0
+    covariance[0, 0] = 2.0

@@ -42,7 +42,7 @@ class TrackedLandmarks:
 
     visibility: (n,) probability that nothing hides the landmark; distance: (n,) Mahalanobis distance of what was
     seen from what was expected, NaN where the landmark does not face the camera. What a tracker does not estimate is
-    None.
+    None. The arrays cannot be written to.
     """
 
     names: tuple[str, ...]
@@ -50,6 +50,9 @@ class TrackedLandmarks:
     camera: Array | None = None
     visibility: Array | None = None
     distance: Array | None = None
+
+    def __post_init__(self) -> None:
+        _protect(self)
 
     def __repr__(self) -> str:
         return f"<TrackedLandmarks: {len(self.names)}>"
@@ -71,8 +74,8 @@ class Estimate:
     of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
     corrects what has turned since the first frame, whose own error is not in it; confidence in [0, 1]: the
     probability that the rotation is right to 5 degrees; model_rotation: (3, 3) from the axes of the model, which
-    stay while those of the head are learned, to the camera's. What a tracker does not estimate is None. mm_per_unit
-    converts lengths at the boundary.
+    stay while those of the head are learned, to the camera's. What a tracker does not estimate is None, and no array
+    can be written to. mm_per_unit converts lengths at the boundary.
     """
 
     index: int
@@ -88,6 +91,9 @@ class Estimate:
     reason: str = ""
     closing: Closing | None = None
     model_rotation: Array | None = None
+
+    def __post_init__(self) -> None:
+        _protect(self)
 
     @classmethod
     def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:
@@ -128,6 +134,15 @@ class Estimate:
             return None
         J = euler_jacobian(self.rotation @ FACING)
         return np.asarray(np.sqrt(np.maximum(np.diag(J @ self.covariance[:3, :3] @ J.T), 0.0)))
+
+
+def _protect(value: object) -> None:
+    """Replace each array of a frozen value by a view that cannot be written to: a tracker may still need its own."""
+    fields = vars(value)
+    for name, array in fields.items():
+        if isinstance(array, np.ndarray):
+            fields[name] = array.view()
+            fields[name].setflags(write=False)
 
 
 class Tracker(Protocol):
