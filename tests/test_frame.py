@@ -16,6 +16,7 @@ import pytest
 from mien.arrays import Pixels
 from mien.errors import MienError
 from mien.frame import Decoded, Frame
+from mien.graphics import Graphics
 from mien.video import open_video
 from videos import frames_of, gradient, turn_by_metadata, write_video
 
@@ -34,7 +35,9 @@ def test_one_line_tells_of_a_frame() -> None:
 @pytest.mark.parametrize(
     ("pixels", "told"),
     [
-        (np.zeros((4, 4), np.uint8), "an array (4, 4) of uint8"),
+        (np.zeros(4, np.uint8), "an array (4,) of uint8"),
+        (np.zeros((4, 4, 1), np.uint8), "an array (4, 4, 1) of uint8"),
+        (np.zeros((4, 4), np.uint16), "an array (4, 4) of uint16"),
         (np.zeros((4, 4, 4), np.uint8), "an array (4, 4, 4) of uint8"),
         (np.zeros((4, 4, 3), np.uint16), "an array (4, 4, 3) of uint16"),
         (np.zeros((4, 4, 3)), "an array (4, 4, 3) of float64"),
@@ -43,13 +46,31 @@ def test_one_line_tells_of_a_frame() -> None:
         (None, "<class 'NoneType'>"),
     ],
 )
-def test_pixels_that_are_no_rgb_of_8_bits_are_refused(pixels: Any, told: str) -> None:
-    with pytest.raises(MienError, match="in RGB, as cv2") as raised:
+def test_pixels_that_are_no_rgb_or_grey_of_8_bits_are_refused(pixels: Any, told: str) -> None:
+    with pytest.raises(MienError, match=r"in RGB, as cv2.*or \(height, width\) of uint8 of a grey") as raised:
         Frame(pixels)
     assert told in str(raised.value)
 
 
 PART = slice(5, 30), slice(7, 40)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("graphics", [None, Graphics(64, 48, 10, 6, np.ones((4, 9), np.bool_))])
+def test_a_grey_image_is_its_own_luminance(
+    graphics: Graphics | None, order: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey = gradient(0)[:, ::order, 0]
+    pixels = np.repeat(grey[..., None], 3, axis=2)
+    expected = Frame(pixels).behind(graphics).gray
+    monkeypatch.setattr(cv2, "cvtColor", None)
+    frame = Frame(grey, 4, 0.2).behind(graphics)
+    for seen in (frame, pickle.loads(pickle.dumps(frame))):
+        np.testing.assert_array_equal(seen.gray, expected)
+        np.testing.assert_array_equal(seen.gray_part(*PART), expected[PART])
+        np.testing.assert_array_equal(seen.brightness, grey)
+        np.testing.assert_array_equal(seen.pixels, pixels)
+        assert (seen.index, seen.time, seen.width, seen.height) == (4, 0.2, 64, 48)
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,8 @@ class Frame:
     """
 
     def __init__(self, pixels: Pixels | Decoded, index: int = 0, time: float = 0.0) -> None:
-        """pixels: (H, W, 3) uint8 RGB, or a decoded image that provides them. Raises MienError for anything else."""
+        """pixels: (H, W, 3) uint8 RGB, (H, W) uint8 of a grey image, or a decoded image. Raises MienError for anything
+        else."""
         if not isinstance(pixels, Decoded):
             _check(pixels)
         numbers = isinstance(index, (int, np.integer)) and isinstance(time, Real)
@@ -51,8 +52,9 @@ class Frame:
         return frame
 
     def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float], dict[str, Any]]:
-        """Pickle the RGB pixels: a decoded image cannot leave its process."""
-        return Frame, (self.pixels, self.index, self.time), {"graphics": self.graphics}
+        """Pickle the RGB pixels of a decoded image, which cannot leave its process."""
+        image = self.pixels if isinstance(self.image, Decoded) else self.image
+        return Frame, (image, self.index, self.time), {"graphics": self.graphics}
 
     @property
     def interlaced(self) -> bool:
@@ -62,15 +64,19 @@ class Frame:
     @cached_property
     def pixels(self) -> Pixels:
         """(H, W, 3) uint8 RGB."""
-        return self.image.rgb() if isinstance(self.image, Decoded) else self.image
+        if isinstance(self.image, Decoded):
+            return self.image.rgb()
+        return np.repeat(self.image[:, :, None], 3, axis=2) if self.image.ndim == 2 else self.image
 
     @cached_property
     def _luma(self) -> Pixels | None:
-        return self.image.luma() if isinstance(self.image, Decoded) else None
+        if isinstance(self.image, Decoded):
+            return self.image.luma()
+        return self.image if self.image.ndim == 2 else None
 
     @property
     def brightness(self) -> Pixels:
-        """(H, W) uint8 brightness without a conversion: a view of the decoded luma, or else of the green channel."""
+        """(H, W) uint8 brightness without a conversion: a view of the luma or grey image, or of the green channel."""
         return self.pixels[..., 1] if self._luma is None else self._luma
 
     @cached_property
@@ -213,12 +219,16 @@ def upper_field(pixels: Pixels) -> Pixels:
 
 
 def _check(pixels: object) -> None:
-    """Reject anything but 8-bit RGB: 16-bit values, or floats between 0 and 1, would be misread."""
+    """Reject anything but 8-bit RGB and grey: 16-bit values, or floats between 0 and 1, would be misread."""
     given = f"an array {pixels.shape} of {pixels.dtype}" if isinstance(pixels, np.ndarray) else str(type(pixels))
     require(
-        isinstance(pixels, np.ndarray) and pixels.dtype == np.uint8 and pixels.shape[2:] == (3,) and pixels.size > 0,
+        isinstance(pixels, np.ndarray)
+        and pixels.dtype == np.uint8
+        and (pixels.ndim == 2 or pixels.shape[2:] == (3,))
+        and pixels.size > 0,
         f"the pixels of a frame are {given}; give an array (height, width, 3) of uint8 in RGB, "
-        "as cv2.cvtColor(image, cv2.COLOR_BGR2RGB) makes from an image read with OpenCV",
+        "as cv2.cvtColor(image, cv2.COLOR_BGR2RGB) makes from an image read with OpenCV, or (height, width) of uint8 "
+        "of a grey image",
     )
 
 
