@@ -74,7 +74,7 @@ LandmarkFile = Annotated[
     Path | None,
     typer.Option(help="Landmarks of the first frame: .json, iBUG-68 .pts, OpenFace .csv; detected if not given."),
 ]
-CameraFile = Annotated[Path | None, typer.Option(help='JSON {"focal_px": .., "cx": .., "cy": ..}.')]
+CameraFile = Annotated[Path | None, typer.Option(help='JSON {"focal_px": .., "cx": .., "cy": ..}, or a calibration.')]
 Focal = Annotated[float | None, typer.Option(help="Focal length in pixels.", metavar="PX")]
 Fov = Annotated[
     float | None, typer.Option(help="Horizontal field of view; otherwise 60 along the longer side.", metavar="DEG")

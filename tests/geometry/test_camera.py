@@ -72,3 +72,31 @@ def test_numbers_of_numpy_become_plain() -> None:
     K = np.array([[500, 0, 160], [0, 500, 120], [0, 0, 1]], np.float32)
     camera = Camera(K[0, 0], K[0, 2], K[1, 2])
     assert json.loads(json.dumps(asdict(camera))) == {"focal_px": 500, "cx": 160, "cy": 120}
+
+
+K = [[600.0, 0, 320], [0, 606, 240], [0, 0, 1]]
+
+
+def test_the_camera_of_a_calibration() -> None:
+    assert Camera.from_matrix(K) == Camera.from_matrix(np.array(K), np.zeros((1, 5))) == Camera(603, 320, 240)
+    seen = Camera.from_matrix(np.array(K, np.float32), [0.01, 0, 0, 0])  # at the corner by 0.01 r^2, with r = 0.67
+    assert json.loads(json.dumps(asdict(seen)))["focal_px"] == 603
+
+
+@pytest.mark.parametrize(
+    ("matrix", "distortion", "told"),
+    [
+        (np.transpose(K), (), r"is no camera matrix; give \[\[fx, 0, cx\]"),
+        (K[:2], (), "is no camera matrix"),
+        ([[0, 0, 320], [0, 606, 240], [0, 0, 1]], (), "is no camera matrix"),
+        ([[float("nan"), 0, 320], [0, 606, 240], [0, 0, 1]], (), "is no camera matrix"),
+        (np.diag([600, 615, 1]), (), r"fx = 600, fy = 615 .* undistort the images with cv2\.undistort"),
+        ([[600, 13, 320], [0, 600, 240], [0, 0, 1]], (), "a skew of 13"),
+        (K, [0.1, 0, 0, 0], r"corners of the image by 4 % .* undistort the images with cv2\.undistort"),
+        (K, [[0, 0, 0, 0.02, 0]], "corners of the image by 3 %"),
+        (K, [0.1, 0], r"\[0\.1, 0\.0\] are no distortion coefficients; give the 4, 5"),
+    ],
+)
+def test_a_calibration_of_another_camera_is_refused(matrix: Any, distortion: Any, told: str) -> None:
+    with pytest.raises(MienError, match=told):
+        Camera.from_matrix(matrix, distortion)

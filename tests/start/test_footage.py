@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +40,48 @@ def test_camera_is_given_in_one_of_three_ways(video: Path, tmp_path: Path) -> No
         assert camera(tmp_path / "c.json") == Camera(100, 2, 3)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"focal_px": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}'])
+def test_a_camera_file_without_a_centre_has_that_of_the_image(video: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text('{"focal_px": 300}')
+    camera = Footage(open_video(video), tmp_path / "c.json").camera_of(Frame(np.zeros((240, 320, 3), np.uint8)))
+    assert camera == Camera(300, 159.5, 119.5)
+    (tmp_path / "c.json").write_text('{"focal_px": -300}')
+    with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
+        Footage(open_video(video), tmp_path / "c.json")
+
+
+K = [[600, 0, 330], [0, 602, 250], [0, 0, 1]]
+OF_OPENCV = {"rows": 3, "cols": 3, "dt": "d", "data": [*K[0], *K[1], *K[2]]}
+
+
+@pytest.mark.parametrize(
+    "calibration",
+    [
+        {"camera_matrix": K},
+        {"camera_matrix": K, "dist_coeff": [[0.01, 0, 0, 0, 0]], "distortion_model": "plumb_bob"},
+        {"camera_matrix": OF_OPENCV, "distortion_coefficients": {"rows": 1, "cols": 5, "data": [0.0] * 5}},
+    ],
+)
+def test_a_calibration_is_read(calibration: dict[str, Any], tmp_path: Path) -> None:
+    file = tmp_path / "c.json"
+    file.write_text(json.dumps(calibration))
+    assert read_camera(file) == Camera(601, 330, 250)
+    file.write_text(json.dumps(calibration | {"image_width": 640, "image_height": 480}))
+    assert read_camera(file, (640, 480)) == Camera(601, 330, 250)
+    with pytest.warns(MienWarning, match=r"c\.json has the camera of a video of 640x480 pixels, and this one has 320x"):
+        read_camera(file, (320, 240))
+
+
+@pytest.mark.parametrize("distortion", [[-0.3, 0.1, 0, 0], {"data": [-0.3, 0.1, 0, 0, 0]}])
+def test_a_calibration_with_distortion_is_refused(distortion: Any, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion}))
+    with pytest.raises(MienError, match=r"c\.json: the lens of the camera moves .* with cv2\.undistort"):
+        read_camera(tmp_path / "c.json")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["{", "[]", "{}", '{"focal_px": 1, "cx": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}', '{"camera_matrix": [1, 2]}'],
+)
 def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text(text)
     with pytest.raises(MienError, match=r"c\.json needs"):

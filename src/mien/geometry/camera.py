@@ -9,13 +9,17 @@ import math
 from dataclasses import dataclass
 from numbers import Real
 
+import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mien.arrays import Array, Mask
 from mien.errors import require
 
 DEFAULT_FOV_DEG = 60.0
 """Field of view assumed for an unknown camera along the longer side of its image."""
+_PINHOLE = 0.02
+"""Largest share by which a calibrated camera may differ from one without distortion and with square pixels."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,18 @@ class Camera:
     def centred(cls, focal_px: float, width: int, height: int) -> Camera:
         """Camera with its principal point at the centre of an image of this size in pixels."""
         return cls(float(focal_px), 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @classmethod
+    def from_matrix(cls, K: ArrayLike, distortion: ArrayLike = ()) -> Camera:
+        """Camera of a calibration by `cv2.calibrateCamera`.
+
+        K: camera matrix (3, 3) in pixels; distortion: none, or 4, 5, 8, 12 or 14 coefficients. Raises MienError where
+        lens or pixels differ from those of a pinhole camera by more than 2 %.
+        """
+        matrix = np.asarray(K, float)
+        _check_matrix(matrix)
+        _check_distortion(matrix, np.asarray(distortion, float).ravel())
+        return cls(0.5 * (matrix[0, 0] + matrix[1, 1]), matrix[0, 2], matrix[1, 2])
 
     @property
     def vector(self) -> Array:
@@ -94,6 +110,39 @@ class Camera:
         J[..., 0, 2] = -f_z * x / z
         J[..., 1, 2] = -f_z * y / z
         return J
+
+
+def _check_matrix(K: Array) -> None:
+    """Raise MienError if this is no camera matrix (3, 3), or one of pixels that are not square."""
+    ordinary = K.shape == (3, 3) and np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0
+    ordinary = ordinary and [K[1, 0], *K[2]] == [0, 0, 0, 1]
+    require(bool(ordinary), f"{K.tolist()} is no camera matrix; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
+    (fx, skew, _), (_, fy, _), _ = K.tolist()
+    require(
+        max(abs(fx - fy), abs(skew)) <= _PINHOLE * min(fx, fy),
+        f"the camera matrix has fx = {fx:g}, fy = {fy:g} and a skew of {skew:g}, and mien takes pixels to be square; "
+        "undistort the images with cv2.undistort, whose last argument is a matrix with fx = fy, and give that",
+    )
+
+
+def _check_distortion(K: Array, distortion: Array) -> None:
+    """Raise MienError if a lens with these coefficients moves the corners of the image, in whose middle the principal
+    point is, by a share of their distance from it that can be seen."""
+    counts = (0, 4, 5, 8, 12, 14)
+    require(
+        distortion.size in counts and bool(np.isfinite(distortion).all()),
+        f"{distortion.tolist()} are no distortion coefficients; give the {', '.join(map(str, counts[1:]))} of OpenCV",
+    )
+    x, y = K[0, 2] / K[0, 0], K[1, 2] / K[1, 1]
+    corners = np.array([[x, y, 1.0], [-x, y, 1.0], [x, -y, 1.0], [-x, -y, 1.0]])
+    seen = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), np.eye(3), distortion)[0][:, 0]
+    moved = np.linalg.norm(seen - corners[:, :2], axis=1).max() / max(math.hypot(x, y), 1e-9)
+    require(
+        moved <= _PINHOLE,
+        f"the lens of the camera moves the corners of the image by {100 * moved:.0f} % of their distance from its "
+        "middle, and mien takes lenses to draw straight lines straight; undistort the images with cv2.undistort, and "
+        "give the camera matrix without distortion",
+    )
 
 
 def line_of_sight(points: Array, camera: Camera) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -12,6 +12,9 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
+from mien.arrays import Array
 from mien.errors import MienError, require, warn
 from mien.files import checksum, size_of
 from mien.frame import Frame
@@ -79,8 +82,10 @@ class Footage:
             camera = Camera.from_fov(frame.width, frame.height, self.fov_deg)
         elif self.camera is None:
             camera = Camera.unknown(frame.width, frame.height)
+        elif isinstance(self.camera, Camera):
+            camera = self.camera
         else:
-            camera = self.camera if isinstance(self.camera, Camera) else read_camera(self.camera, frame)
+            camera = read_camera(self.camera, (frame.width, frame.height))
         widest = 0.5 * frame.width / math.tan(math.radians(_WIDEST_DEG) / 2)
         require(
             camera.focal_px >= widest,
@@ -142,21 +147,48 @@ def requested_options(
     return {"camera": camera, **plain, "at_once": at_once, "face": face and list(face)}
 
 
-def read_camera(path: str | Path, frame: Frame | None = None) -> Camera:
-    """Read a camera from JSON {"focal_px": .., "cx": .., "cy": ..}, or from the NAME.json of a track; warns if that was
-    of images of another size than the frame's."""
+def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
+    """Read a camera from JSON: {"focal_px": .., "cx": .., "cy": ..}, the latter by default the middle of the image; the
+    NAME.json of a track; or the "camera_matrix" of a calibration, see `Camera.from_matrix`.
+
+    size: width and height of the images in pixels; warns if the file is of images of another size. Without it, a middle
+    that the file does not have is 0, 0. Raises MienError that names the file.
+    """
     require(isinstance(path, (str, Path)), f"the camera is {type(path)}; give mien.Camera or the name of a JSON file")
     path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8-sig"))
-        if frame:
-            size = frame.width, frame.height
-            warn_of_another_size(f"{path} has the camera", values, size, "scale focal_px, cx and cy alike")
+        if size:
+            warn_of_another_size(f"{path} has the camera", _size_stated(values), size, "scale its numbers alike")
+        if "camera_matrix" in values:
+            return _calibrated(values)
         values = values.get("camera", values)
-        return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
+        if "cx" in values or "cy" in values:
+            return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
+        return Camera.centred(float(values["focal_px"]), *(size or (1, 1)))
     except MienError as error:
         raise MienError(f"{path}: {error}") from error
     except OSError as error:
         raise MienError(f"{path} cannot be read ({error.strerror}); check the name") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise MienError(f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels ({error})') from error
+        raise MienError(
+            f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels, or a "camera_matrix" ({error})'
+        ) from error
+
+
+def _size_stated(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A JSON with the size of its images where a NAME.json has it, also if it is a calibration."""
+    width, height = values.get("image_width"), values.get("image_height")
+    return {"video": {"width": width, "height": height}} if "camera_matrix" in values else values
+
+
+def _calibrated(values: Mapping[str, Any]) -> Camera:
+    """The camera of a calibration, whose distortion coefficients are all lists that are named like "dist_coeffs"."""
+    lists = [(name, value) for name, value in values.items() if isinstance(value, (list, dict))]
+    distortion = [_flat(value) for name, value in lists if name.lower().startswith("dist")]
+    return Camera.from_matrix(_flat(values["camera_matrix"]).reshape(3, 3), np.concatenate([[], *distortion]))
+
+
+def _flat(values: Any) -> Array:
+    """The numbers of a matrix in nested lists, or as OpenCV writes it, with its "data"."""
+    return np.array(values["data"] if isinstance(values, Mapping) else values, float).ravel()
