@@ -498,8 +498,8 @@ def test_no_face_and_two_faces_with_the_real_detector(
     left, right = (Track.read(tmp_path / name).table.column("x_0")[0].as_py() for name in ("out.csv", "right.csv"))
     assert left < 320 < right
     refused(["track", two, "--face", 320, 230], "two.mkv: no face was found at 320, 230 in its 2 frames")
-    refused(["track", two, "--face", 800, 10], "--face 800 10 lies outside the image of 560x240 pixels")
-    refused(["track", two, *asked, "--landmarks", "out.json"], "landmarks are given", "omit --face")
+    refused(["track", two, "--face", 800, 10], "the face at 800, 10 lies outside the image of 560x240 pixels")
+    refused(["track", two, *asked, "--landmarks", "out.json"], "landmarks are given", "omit its point")
     refused(["track", two, "--faces", 2, *asked, "--show"], "--face, --show: for one face only", "omit it")
     result = mien("track", two, "-o", "both.csv", "--faces", 4, "--plot", "both.png")
     assert "2 frames, face 1 lost in 0" in result.out
@@ -569,7 +569,7 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
         (["--plot", "plot.docx"], "plot.docx: mien writes .png"),
         (["--gltf", "head.gltf"], "head.gltf: mien writes .glb"),
         (["--overlay", "over.avi"], "over.avi: mien writes .mp4"),
-        (["--fps", "50"], "in.mkv has times of its own; omit --fps"),
+        (["--fps", "50"], "in.mkv has times of its own; omit fps"),
         (["-o", "marks.json"], "marks.json would overwrite an input"),
     ],
 )
@@ -612,7 +612,7 @@ def test_the_frame_rate_of_a_folder_is_known_for_another_run(
     assert mien("landmarks", "images", "--landmarks", "m.json", "--fps", "50", "-o", "l.json").status == 0
     first = json.loads((tmp_path / "l.json").read_text())
     assert (first["frame"], first["time"]) == (2, 0.04)
-    refused(["track", video, "--faces", "2", "--fps", "50"], "in.mkv has times of its own; omit --fps")
+    refused(["track", video, "--faces", "2", "--fps", "50"], "in.mkv has times of its own; omit fps")
 
 
 def test_folder_that_cannot_be_written(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:

@@ -226,7 +226,7 @@ def test_the_face_at_a_point_is_learned(folder: Path, monkeypatch: pytest.Monkey
     ]
     assert len(learned) > 1
     assert set(asked) == {(200.0, 100.0)}
-    with pytest.raises(MienError, match="outside the image"):
+    with pytest.raises(MienError, match=r"^the face at 320, 100 lies outside the image of 320x"):
         next(mien.stream(folder, face=(320, 100)))
 
 

@@ -177,7 +177,7 @@ def test_landmarks_are_those_of_the_file_to_the_last_digit(tracker: StillTracker
 
 
 def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker, folder: Path) -> None:
-    with pytest.warns(MienWarning, match=r"belongs to 0\.00 s and tracking begins at 0\.12 s; --start 0\.0 begins"):
+    with pytest.warns(MienWarning, match=r"0\.00 s and tracking begins at 0\.12 s; a start at 0\.0 s begins"):
         track = mien.track(folder, landmarks=known_portrait().landmarks, start=0.1)
     assert track.index.tolist() == [3, 4, 5]
 
@@ -186,7 +186,7 @@ def test_where_given_landmarks_belong_is_told_to_the_last_digit(tracker: StillTr
     """A third of a second has no end in decimals: it must not be rounded past its frame."""
     video = write_video(tmp_path / "in.avi", portrait_images(), fps=3)
     marks = replace(known_portrait().landmarks, frame_index=2, time=2 / 3)
-    with pytest.warns(MienWarning, match=r"begins at 1\.33 s; --start 0\.666667 begins where it belongs"):
+    with pytest.warns(MienWarning, match=r"begins at 1\.33 s; a start at 0\.666667 s begins where it belongs"):
         mien.track(video, landmarks=marks, start=1.2)
     track = mien.track(video, landmarks=marks, start=0.666667)
     assert track.index[track.status.index("initialized")] == track.index[0] == 2

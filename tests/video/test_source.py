@@ -43,7 +43,7 @@ def test_what_is_no_frame_rate(fps: Any, tmp_path: Path) -> None:
 
 def test_what_has_its_own_times_is_given_no_frame_rate(video: Path) -> None:
     for source, name in ((video, r"plain\.mkv"), (0, "camera 0"), ([], "the frames")):
-        with pytest.raises(MienError, match=f"{name} has times of its own; omit --fps"):
+        with pytest.raises(MienError, match=f"{name} has times of its own; omit fps"):
             open_video(source, 25)
 
 

@@ -138,7 +138,7 @@ def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: floa
         differences = np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time)
         require(
             float(differences.min()) <= TIME_TOLERANCE,
-            f"{path} has no row near {time:.2f} s, where tracking begins; choose another --start",
+            f"{path} has no row near {time:.2f} s, where tracking begins; choose another start",
         )
         rows = [r for r, d in zip(rows, differences, strict=True) if d == differences.min()]
     else:
@@ -147,7 +147,7 @@ def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: floa
     row = rows[int(np.argmax(_numbers(path, [r.get("confidence") or "0" for r in rows])))]
     require(
         bool(_numbers(path, [row.get("success") or "1"])[0] > 0),
-        f"{path} has no face at {time:.2f} s, where tracking begins (success is 0); choose another --start",
+        f"{path} has no face at {time:.2f} s, where tracking begins (success is 0); choose another start",
     )
     return row
 

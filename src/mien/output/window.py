@@ -20,7 +20,7 @@ _MAXIMUM_WIDTH = 1280
 def require_screen() -> None:
     """Raise MienError if there is no screen, as OpenCV would end the process."""
     headless = sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    require(not headless, "there is no screen to show the video on; write one with --overlay")
+    require(not headless, "there is no screen to show the video on; write an overlay instead")
 
 
 class Window:
@@ -37,7 +37,7 @@ class Window:
         try:
             cv2.namedWindow(title, cv2.WINDOW_NORMAL | cv2.WINDOW_KEEPRATIO | cv2.WINDOW_GUI_NORMAL)
         except cv2.error as error:
-            raise MienError("this OpenCV cannot show a video; write one with --overlay") from error
+            raise MienError("this OpenCV cannot show a video; write an overlay instead") from error
 
     def __enter__(self) -> Window:
         return self

@@ -100,7 +100,7 @@ def prepare(
     earliest = next(frames)
     opening = _Opening(footage, footage.camera_of(earliest), earliest, chain([earliest], frames), at_once, face)
     if face is not None:
-        require(landmarks is None, "landmarks are given, which already say where the face is; omit --face")
+        require(landmarks is None, "landmarks are given, which already say where the face is; omit its point")
         require_inside(face, earliest)
     if landmarks is None:
         return _begin_with_a_face(opening, report, show)
@@ -198,7 +198,7 @@ def as_point(face: Point) -> Point:
 def require_inside(face: Point, frame: Frame) -> None:
     x, y = face
     inside = 0 <= x < frame.width and 0 <= y < frame.height
-    require(inside, f"--face {x:g} {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
+    require(inside, f"the face at {x:g}, {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
 
 
 def _frame_of(
@@ -223,7 +223,7 @@ def _frame_of(
     if until > 1.5 / source.fps:
         warn(
             f"{landmarks.source} belongs to {landmarks.time:.2f} s and tracking begins at {reached.time:.2f} s; "
-            f"--start {round(landmarks.time, 6)} begins where it belongs"
+            f"a start at {round(landmarks.time, 6)} s begins where it belongs"
         )
     return reached, skipped, frames
 

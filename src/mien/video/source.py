@@ -59,7 +59,7 @@ def open_video(source: Source, fps: float | None = None) -> Video:
     video = _opened(source, fps)
     require(
         fps is None or isinstance(video, ImageFolder),
-        f"{video.name} has times of its own; omit --fps, which is for a folder of images",
+        f"{video.name} has times of its own; omit fps, which is for a folder of images",
     )
     return video
 
