@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import cv2
 import numpy as np
 import pytest
@@ -75,6 +77,23 @@ def test_a_program_goes_on_where_its_indices_and_times_do_not() -> None:
     assert len(texts) == 2  # one of the times that do not increase, one of the clock that was set back
     assert "frame 2 at 5.1 s comes after frame 1 at 5.1 s" in texts[0]
     assert "time jumps back" in texts[1]
+
+
+@pytest.mark.parametrize("in_a_list", [False, True])
+def test_times_in_milliseconds_are_warned_of_once(in_a_list: bool) -> None:
+    frames = [Frame(gradient(i % 9), i, 1000 * i / 30) for i in range(30)]
+    with pytest.warns(MienWarning, match=r"the frames: 33\.3 s lie between .* divide them by 1000") as warned:
+        assert list(open_video(frames if in_a_list else iter(frames))) == frames
+    assert len(warned) == 1
+
+
+@pytest.mark.parametrize("step", [0.001, 1 / 30, 2.0])
+def test_times_in_seconds_are_not_warned_of_even_after_a_pause(step: float) -> None:
+    times = step * np.arange(30)
+    times[3:] += 60
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        list(open_video(iter([Frame(gradient(0), i, time) for i, time in enumerate(times)])))
 
 
 def test_camera_that_is_not_there() -> None:

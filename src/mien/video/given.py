@@ -19,6 +19,9 @@ from mien.video.clock import Clock
 from mien.video.scaling import same_size
 
 _USUAL_FPS = 30.0
+_INTERVALS, _LONGEST_S = 10, 5.0
+"""Number of intervals between the first frames, and the median in seconds from which they are taken to be in another
+unit: nobody follows a face with an image every five seconds, but with 200 a second."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class GivenFrames:
         return first.time if isinstance(first, Frame) and math.isfinite(first.time) else 0.0
 
     def __iter__(self) -> Iterator[Frame]:
-        return same_size(self._checked(), self.name)
+        return same_size(_in_seconds(self._checked(), self.name), self.name)
 
     def _checked(self) -> Iterator[Frame]:
         last, clock, regular = -1, Clock(self.name), True
@@ -114,3 +117,18 @@ class GivenFrames:
                 regular = False
                 yield Frame(frame.image, index, time)
             last = index
+
+
+def _in_seconds(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
+    """The frames; warns if the first intervals between them are longer than those of a video in seconds."""
+    times: list[float] = []
+    for frame in frames:
+        if len(times) <= _INTERVALS:
+            times.append(frame.time)
+            step = float(np.median(np.diff(times))) if len(times) == _INTERVALS + 1 else 0.0
+            if step > _LONGEST_S:
+                warn(
+                    f"{name}: {step:.3g} s lie between each and the next, too long to follow a face; if their times "
+                    "are milliseconds, divide them by 1000: mien takes seconds"
+                )
+        yield frame
