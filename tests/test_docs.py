@@ -13,7 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import mien
 from mien.config import RealtimeSettings
+from mien.geometry.rotation import FACING, matrix_from_euler
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -86,6 +88,21 @@ def test_the_recipes_find_what_is_there(tmp_path: Path, monkeypatch: pytest.Monk
     assert found["smiling"] == pytest.approx(0.2)
     turned = np.degrees(np.abs(np.diff(table["pose_Rx"])) + np.abs(np.diff(table["pose_Ry"])))[:1249]
     assert found["mean_speed"] == pytest.approx(turned.mean() * 25, rel=0.01)
+
+
+def test_the_live_example_tells_of_each_face_that_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = mien.Frame(np.zeros((48, 64, 3), np.uint8), 3, 0.12)
+    turned = matrix_from_euler(np.radians([0.0, 20.0, 0.0])) @ FACING
+    seen = mien.Estimate(3, 0.12, mien.Status.TRACKED, turned, np.array([0.0, 0, 5]), confidence=0.9, mm_per_unit=110.0)
+    answers = [(frame, seen), (frame, mien.Estimate.lost(frame, "it left"))]
+    monkeypatch.setattr("mien.live.stream", lambda *_, **__: answers)
+    examples = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    (live,) = (example for example in examples if "mien.stream" in example)
+    exec(live, {})
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("0.12 s: yaw 20 degrees, 550 mm away, 90% sure, {'upper_lip_raiser': ")
 
 
 def _text(page: Path) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mien.arrays import Pixels
 from mien.errors import MienError, require
@@ -24,7 +25,7 @@ class Frame:
     tracking needs only the luminance of a region.
     """
 
-    def __init__(self, pixels: Pixels | Decoded, index: int = 0, time: float = 0.0) -> None:
+    def __init__(self, pixels: NDArray[Any] | Decoded, index: int = 0, time: float = 0.0) -> None:
         """pixels: (H, W, 3) uint8 RGB, (H, W) uint8 of a grey image, or a decoded image. Raises MienError for anything
         else."""
         if not isinstance(pixels, Decoded):
