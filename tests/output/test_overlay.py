@@ -132,6 +132,14 @@ def test_drawing_works_with_whatever_is_known() -> None:
     draw(GREY, [FaceOverlay(Estimate(0, 0, Status.TRACKED))], CAMERA)
 
 
+@pytest.mark.parametrize("shade", [0, 128, 255])
+def test_captions_can_be_read_and_leave_the_picture_between_their_letters(shade: int) -> None:
+    frame = Frame(np.full((480, 640, 3), shade, np.uint8))
+    strip = draw(frame, [FaceOverlay(Estimate.lost(frame, "the face left the image"))] * 2, CAMERA)[440:, :200]
+    assert np.mean((strip == shade).all(axis=2)) > 0.5
+    assert np.ptp(strip.max(axis=2).astype(int)) > 150
+
+
 def test_png_there_and_back(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (11, 17, 3), dtype=np.uint8)
     save_png(tmp_path / "picture.png", pixels)

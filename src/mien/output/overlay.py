@@ -32,7 +32,7 @@ _LARGEST_SIDE = 16384
 MESH, GRAPHICS = (120, 220, 255), (255, 90, 220)
 SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
 AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
-TEXT, LOST_TEXT = (255, 255, 255), (255, 110, 100)
+TEXT, LOST_TEXT, RIM = (255, 255, 255), (255, 110, 100), (20, 30, 40)
 AXIS_LENGTH = 0.9  # CANDIDE units
 TIME_BASE = Fraction(1, 90_000)
 _COMMENT = "overlay by mien"
@@ -270,7 +270,7 @@ def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int
         if colour == HIDDEN:
             cv2.circle(canvas, centre, r, colour, 1, cv2.LINE_AA, _SHIFT)
         else:
-            cv2.circle(canvas, centre, r + 14, (20, 30, 40), -1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(canvas, centre, r + 14, RIM, -1, cv2.LINE_AA, _SHIFT)
             cv2.circle(canvas, centre, r, colour, -1, cv2.LINE_AA, _SHIFT)
 
 
@@ -281,7 +281,7 @@ def _draw_point_names(canvas: Pixels, points: Array, names: Sequence[str]) -> No
         across, down = (points - point).T
         close = np.any((across > 0) & (across < width) & (np.abs(down) < height))
         corner = int(point[0] + (-width - height if close else height)), int(point[1] + height // 2)
-        for colour, thickness in (((20, 30, 40), 3), (TEXT, 1)):
+        for colour, thickness in ((RIM, 3), (TEXT, 1)):
             cv2.putText(canvas, name, corner, _FONT, _NAME_SIZE, colour, thickness, cv2.LINE_AA)
 
 
@@ -305,7 +305,7 @@ def _draw_axes(canvas: Pixels, estimate: Estimate, origin: Array | None, camera:
     start, *ends = (tuple(q) for q in _fixed_point(p).tolist())
     towards_camera = np.argsort(-tips[:, 2])  # the nearest axis is drawn last
     for k in towards_camera:
-        cv2.line(canvas, start, ends[k], (20, 30, 40), 4, cv2.LINE_AA, _SHIFT)
+        cv2.line(canvas, start, ends[k], RIM, 4, cv2.LINE_AA, _SHIFT)
         cv2.line(canvas, start, ends[k], AXES[k], 2, cv2.LINE_AA, _SHIFT)
 
 
@@ -326,18 +326,18 @@ def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
     if np.isfinite(place).all():
         (width, height), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
         corner = int(place[0] - width / 2), max(int(place[1]), height + 4)
-        for colour, thickness in (((20, 30, 40), 5), (TEXT, 2)):
+        for colour, thickness in ((RIM, 5), (TEXT, 2)):
             cv2.putText(canvas, name, corner, _FONT, _text_size(canvas), colour, thickness, cv2.LINE_AA)
 
 
 def _draw_text(canvas: Pixels, text: str, colour: tuple[int, int, int], bottom: int) -> int:
-    """Draw a line of text, as large as the width allows, on a dark strip above row `bottom`; returns its top row."""
+    """Draw a line of text, as large as the width allows, with a dark rim, above row `bottom`; returns its top row."""
     size = _text_size(canvas)
     (width, height), baseline = cv2.getTextSize(text, _FONT, size, 1)
     size *= min(1.0, (canvas.shape[1] - 16) / max(width, 1))
     top = max(bottom - int(height) - int(baseline) - 8, 0)
-    canvas[top:bottom] = (0.4 * canvas[top:bottom]).astype(np.uint8)
-    cv2.putText(canvas, text, (8, bottom - baseline - 3), _FONT, size, colour, 1, cv2.LINE_AA)
+    for shade, thickness in ((RIM, 3), (colour, 1)):
+        cv2.putText(canvas, text, (8, bottom - baseline - 3), _FONT, size, shade, thickness, cv2.LINE_AA)
     return top
 
 
