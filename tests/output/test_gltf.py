@@ -223,7 +223,7 @@ def test_times_that_32_bit_floats_cannot_hold_are_counted_from_the_first(tmp_pat
 def test_a_track_without_a_mesh_is_refused(tmp_path: Path) -> None:
     rigid = estimate(0, animation=None)
     for track in (Track.from_estimates([estimate(0)]), Track.from_estimates([rigid], FACE)):
-        with pytest.raises(MienError, match=r"head\.glb: the track has no mesh, .* keep the JSON beside the table"):
+        with pytest.raises(MienError, match=r"head\.glb: the track has no mesh\. .* record the video .* keep the JSON"):
             track.save_gltf(tmp_path / "head.glb")
     with pytest.raises(MienError, match="lost in every frame"):
         Track.from_estimates([lost(0)], FACE).save_gltf(tmp_path / "head.glb")

@@ -53,8 +53,9 @@ def write_gltf(track: Track, path: Path) -> None:
     require(track.lost < len(track), f"{path}: the face is lost in every frame of the track; there is nothing to write")
     if rest is None or t is None or animation is None or not {"camera", "video"} <= track.metadata.keys():
         raise MienError(
-            f"{path}: the track has no mesh, like that of a stream, of a preset that fits no expression, or of a table "
-            "without its JSON; track the video with a preset such as realtime, and keep the JSON beside the table"
+            f"{path}: the track has no mesh. If its estimates are of mien.stream, record the video and give that to "
+            "mien.track; if it was read, keep the JSON beside the table; if its preset fits no expression, choose one "
+            "such as realtime"
         )
     known = np.isfinite(np.column_stack([t, track.euler_deg, animation])).all(axis=1)
     require(

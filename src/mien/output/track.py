@@ -61,7 +61,7 @@ class Track:
     @classmethod
     def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
         """The track of these estimates, for example from `mien.stream`. Its metadata include `landmark_names` and
-        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them."""
+        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them. It has no `mesh`."""
         with Recorder() as recorder:
             for estimate in estimates:
                 require(
