@@ -588,7 +588,7 @@ def test_camera_file(mien: Command, video: Path, marks: Path, tmp_path: Path) ->
     (tmp_path / "camera.json").write_text('{"focal_px": 400, "cx": 160, "cy": 120}')
     mien("track", video, "-o", "out.csv", "--landmarks", marks, "--camera", "camera.json")
     camera = json.loads((tmp_path / "out.json").read_text())["camera"]
-    assert camera == {"focal_px": 400.0, "cx": 160.0, "cy": 120.0}
+    assert camera == {"focal_px": 400.0, "cx": 160.0, "cy": 120.0, "focal_log_sd": 0.0}
 
 
 # The place for the output

@@ -71,7 +71,7 @@ def test_numbers_of_numpy_become_plain() -> None:
     """They are saved as JSON."""
     K = np.array([[500, 0, 160], [0, 500, 120], [0, 0, 1]], np.float32)
     camera = Camera(K[0, 0], K[0, 2], K[1, 2])
-    assert json.loads(json.dumps(asdict(camera))) == {"focal_px": 500, "cx": 160, "cy": 120}
+    assert json.loads(json.dumps(asdict(camera))) == {"focal_px": 500, "cx": 160, "cy": 120, "focal_log_sd": 0}
 
 
 K = [[600.0, 0, 320], [0, 606, 240], [0, 0, 1]]

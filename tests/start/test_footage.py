@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
-from mien.geometry.camera import Camera
+from mien.geometry.camera import UNKNOWN_LOG_SD, Camera
 from mien.start.footage import Footage, read_camera
 from mien.video import open_video
 
@@ -23,7 +24,7 @@ def test_camera_is_given_in_one_of_three_ways(video: Path, tmp_path: Path) -> No
     def camera(given: Camera | Path | None = None, **how: float) -> Camera:
         return Footage(open_video(video), given, **how).camera_of(frame)
 
-    assert camera() == Camera.from_fov(320, 240, 60)
+    assert camera() == replace(Camera.from_fov(320, 240, 60), focal_log_sd=UNKNOWN_LOG_SD)
     assert camera(fov_deg=90).focal_px == pytest.approx(160)
     assert camera(focal_px=300) == Camera(300, 159.5, 119.5)
     assert camera(Camera(100, 2, 3)) == camera(tmp_path / "c.json") == Camera(100, 2, 3)

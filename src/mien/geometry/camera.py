@@ -6,7 +6,7 @@ Axes: x right, y down, z forward. Pixel centres have integer coordinates; u poin
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import cv2
@@ -20,22 +20,28 @@ DEFAULT_FOV_DEG = 60.0
 """Field of view assumed for an unknown camera along the longer side of its image."""
 _PINHOLE = 0.02
 """Largest share by which a calibrated camera may differ from one without distortion and with square pixels."""
+UNKNOWN_LOG_SD = 0.35
+"""Standard deviation of the logarithm of the focal length of an unknown camera: webcams and phones see 55 to 80 degrees
+along the longer side, lenses for interviews 25 to 45."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole camera: focal length and principal point (cx, cy), all in pixels."""
+    """Pinhole camera: focal length and principal point (cx, cy), all in pixels. focal_log_sd: standard deviation of the
+    logarithm of a focal length that is assumed; 0 for one that is known."""
 
     focal_px: float
     cx: float
     cy: float
+    focal_log_sd: float = 0.0
 
     def __post_init__(self) -> None:
-        values = (self.focal_px, self.cx, self.cy)
+        values = (self.focal_px, self.cx, self.cy, self.focal_log_sd)
         numbers = all(isinstance(v, Real) and math.isfinite(v) for v in values)
         require(numbers, f"camera {values} contains a value that is not a finite number")
         require(self.focal_px > 0, f"the focal length must be positive, not {self.focal_px:g} pixels")
-        for name, value in zip(("focal_px", "cx", "cy"), values, strict=True):
+        require(self.focal_log_sd >= 0, f"the focal length has a standard deviation of {self.focal_log_sd:g}")
+        for name, value in zip(("focal_px", "cx", "cy", "focal_log_sd"), values, strict=True):
             object.__setattr__(self, name, float(value))  # NumPy's numbers cannot be saved as JSON
 
     @classmethod
@@ -48,7 +54,8 @@ class Camera:
     def unknown(cls, width: int, height: int) -> Camera:
         """The camera assumed for an image of this size in pixels of which nothing is known. A phone that is held
         upright sees as much along its longer side as one that is held across."""
-        return cls.centred(cls.from_fov(max(width, height), 1).focal_px, width, height)
+        focal_px = cls.from_fov(max(width, height), 1).focal_px
+        return replace(cls.centred(focal_px, width, height), focal_log_sd=UNKNOWN_LOG_SD)
 
     @classmethod
     def centred(cls, focal_px: float, width: int, height: int) -> Camera:

@@ -163,9 +163,10 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         if "camera_matrix" in values:
             return _calibrated(values)
         values = values.get("camera", values)
+        log_sd = float(values.get("focal_log_sd", 0.0))
         if "cx" in values or "cy" in values:
-            return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")))
-        return Camera.centred(float(values["focal_px"]), *(size or (1, 1)))
+            return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")), focal_log_sd=log_sd)
+        return replace(Camera.centred(float(values["focal_px"]), *(size or (1, 1))), focal_log_sd=log_sd)
     except MienError as error:
         raise MienError(f"{path}: {error}") from error
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from hypothesis import given
 
 from mien.appearance.views import rotation
 from mien.arrays import Array
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, log, ray_rotation
+from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.identity import familiarity
 from mien.tracking.realtime.uncertainty import (
     ACROSS_SD,
@@ -27,10 +30,13 @@ from mien.tracking.realtime.uncertainty import (
     UNIT_SCALE,
     Reference,
     confidence,
+    focal_covariance,
     state_covariance,
     systematic_covariance,
     visibility,
 )
+from mien.tracking.state import Estimate
+from small_motion import face, small_motion
 from strategies import head_rotations, rotation_vectors
 
 RELIEF_SD = 0.1
@@ -202,3 +208,36 @@ def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
     np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
     assert confidence(1e-5 * np.eye(12), 0.1, grimace, 1.0) < 0.05  # hardly anything is seen
     assert confidence(1e-5 * np.eye(12), 1.0, FAMILIAR, 1.0) > 0.99
+
+
+@pytest.mark.parametrize("pan_deg", [-25.0, 0.0, 10.0])
+def test_a_focal_length_that_is_not_known_by_hand(pan_deg: float) -> None:
+    """What is seen at a pixel lies along another ray with another focal length, and turns with it; a face that is as
+    large is as much further away."""
+    d, known = 1e-3, Camera(500, 160, 120)
+    wrong = replace(known, focal_px=500 * (1 + d))
+    first, now = (10 * np.array([math.tan(math.radians(a)), 0.3, 1.0]) for a in (5.0, pan_deg))
+
+    def turned(t: Array) -> Array:
+        seen = wrong.rays(known.project(t)[0])
+        return ray_rotation(seen / np.linalg.norm(seen)) @ ray_rotation(t / np.linalg.norm(t)).T
+
+    error = [*log(turned(now)) - log(turned(first)), 0.0, 0.0, 10 * d]
+    covariance = focal_covariance(now, first / np.linalg.norm(first), 0.3)
+    np.testing.assert_allclose(covariance, (0.3 / d) ** 2 * np.outer(error, error), rtol=5e-3, atol=1e-6)
+
+
+def test_an_unknown_camera_makes_what_it_shows_less_certain() -> None:
+    def tracked(log_sd: float) -> tuple[RealtimeTracker, Estimate]:
+        tracker = RealtimeTracker()
+        tracker.initialize(small_motion().frames[0], face().landmarks, replace(face().camera, focal_log_sd=log_sd))
+        return tracker, tracker.track(small_motion().frames[-1])
+
+    (_, known), (tracker, unknown) = tracked(0.0), tracked(0.35)
+    assert known.covariance is not None
+    assert unknown.covariance is not None
+    more = unknown.covariance - known.covariance
+    np.testing.assert_array_equal(unknown.rotation, known.rotation)
+    np.testing.assert_allclose(more[:6, :6], focal_covariance(tracker.pose.t, tracker.axes.first.ray, 0.35), atol=1e-12)
+    assert np.all(more[6:] == 0)
+    assert unknown.confidence < known.confidence

@@ -37,6 +37,7 @@ from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
     confidence,
+    focal_covariance,
     frame_variance,
     state_covariance,
     visibility,
@@ -308,6 +309,8 @@ class RealtimeTracker:
             solution.step_covariance, d2, share, self.pose.R, self.pose.seen_from, moved, self.axes.first,
             shape.relief_sd, math.hypot(*shape.lean.tolist()), learned,
         )  # fmt: skip
+        if self.camera.focal_log_sd > 0:
+            covariance[:6, :6] += focal_covariance(self.pose.t, self.axes.first.ray, self.camera.focal_log_sd)
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(
             frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),

@@ -142,6 +142,18 @@ def _total_covariance(variance: float, spread: Any, across: float, systematic: A
     return out
 
 
+def focal_covariance(t: Array, first_ray: Array, log_sd: float) -> Array:
+    """Covariance (6, 6) of `[w, t]` from a focal length whose logarithm has an error with standard deviation log_sd,
+    for a head at t (3,), camera axes, that the first frame saw along a ray (3,).
+
+    If it is too long by a share d, the ray to a head at an angle a from the optical axis has an error of `d sin(a)
+    cos(a)`, by which all that is seen there seems turned, and the head seems further away by the share d."""
+    x, y, z = t / math.sqrt(float(t @ t))
+    x_first, y_first, z_first = first_ray
+    error = np.array([z * y - z_first * y_first, z_first * x_first - z * x, 0.0, 0.0, 0.0, t[2]])
+    return log_sd**2 * np.outer(error, error)
+
+
 def frame_variance(d2: Array, seen: float) -> float:
     """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as of
     `state_covariance`."""
