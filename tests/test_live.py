@@ -172,7 +172,7 @@ def test_a_face_that_is_there_is_not_given_up(folder: Path) -> None:
 
 def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also if it was looked for in one before, at the end of which it was the known one."""
-    monkeypatch.setattr(search, "_into_camera", lambda R, t: False)
+    monkeypatch.setattr(search, "turn_of", lambda *args: 90.0)
     monkeypatch.setattr(search, "_PATIENCE", 0.11)
     face = known_portrait().landmarks
     look = lambda frame, at: [replace(face, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731

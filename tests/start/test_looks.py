@@ -11,7 +11,7 @@ import pytest
 from mien.arrays import Array
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import exp
+from mien.geometry.rotation import FACING, exp
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, rows_by_name, rows_of_scheme
 from mien.start.looks import (
     LEAST_DETAIL,
@@ -21,10 +21,11 @@ from mien.start.looks import (
     detail,
     expected_errors,
     eye_opening,
-    rotation_of,
+    turn_of,
 )
 from small_motion import face, small_motion
 
+AHEAD = -FACING[:, 2]
 EYES = np.array([LANDMARK_VERTICES[f"{side}_eye_outer_corner"] for side in ("left", "right")])
 
 
@@ -37,17 +38,19 @@ def look(
     eyes = float(np.linalg.norm(np.diff(vertices[EYES], axis=0)))
     for name, up in (moved or {}).items():
         vertices[LANDMARK_VERTICES[name], 1] += up * eyes
-    posed = 100 * scale * vertices @ (face().fit.R @ exp(np.radians(turn_deg))).T
+    posed = 100 * scale * vertices @ (FACING @ exp(np.radians(turn_deg))).T
     ids, rows = rows_of_scheme("mediapipe478")
     points = np.zeros((478, 3))
     points[rows] = posed[ids][:, None]
     return Landmarks(points[:, :2] + 200, "mediapipe478", points[:, 2])
 
 
+def rotation_y(deg: float) -> Array:
+    return exp(np.radians([0, deg, 0]))
+
+
 def errors(*looks: Landmarks, details: tuple[float, ...] = ()) -> Array:
-    fit, far = face().fit, Camera(1e9, 200, 200)
-    details = details or (1.0,) * len(looks)
-    return expected_errors(looks, details, far, fit.R, -fit.R[:, 2])  # the camera is where the first look goes
+    return expected_errors(looks, details or (1.0,) * len(looks), Camera(1e9, 200, 200), FACING, AHEAD)
 
 
 def test_a_face_at_rest_that_looks_into_the_camera() -> None:
@@ -89,10 +92,29 @@ def test_shut_eyes_cost_even_where_they_are_usual() -> None:
     assert errors(narrow, narrow, narrow, look())[0] == pytest.approx(1, abs=1e-6)
 
 
-def test_the_rotation_of_a_look_is_measured_from_the_first() -> None:
-    R, lips = face().fit.R, {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
-    turned = rotation_of(look((8, -20, 5), 2.0, lips), look(), Camera(1e9, 200, 200), R)
-    np.testing.assert_allclose(turned, R @ exp(np.radians((8, -20, 5))), atol=1e-6)
+def test_the_turn_of_a_look_is_measured_from_the_first() -> None:
+    lips = {name: -0.3 for name in LANDMARK_VERTICES if "lip" in name}
+    turned = turn_of(look((0, -20, 0), 2.0, lips), look((0, 10, 0)), Camera(1e9, 200, 200), FACING, AHEAD)
+    assert turned == pytest.approx(30, abs=1e-3)
+
+
+@pytest.mark.parametrize("aside_deg", [-30.0, 20.0])
+def test_a_face_is_turned_from_where_it_is_seen_itself(aside_deg: float) -> None:
+    """One that enters at the side of the image, and looks into the camera from its middle."""
+    camera = Camera(500, 160, 120)
+
+    def seen(at_deg: float, turned_deg: float) -> Landmarks:
+        R, ray = rotation_y(turned_deg) @ FACING, rotation_y(at_deg)[:, 2]
+        ids, rows = rows_of_scheme("mediapipe478")
+        X = face().fit.shape[ids] @ R.T
+        points, depths = np.tile(camera.project(9 * ray)[0], (478, 1)), np.zeros(478)
+        points[rows] = camera.project(X + 9 * ray)[0][:, None]
+        depths[rows] = (X @ ray * 500 / (9 * ray[2]))[:, None]
+        return Landmarks(points, "mediapipe478", depths)
+
+    first, R, t = seen(aside_deg, aside_deg), rotation_y(aside_deg) @ FACING, rotation_y(aside_deg)[:, 2]
+    assert turn_of(seen(0, 0), first, camera, R, t) == pytest.approx(0, abs=1)
+    assert turn_of(seen(0, aside_deg), first, camera, R, t) == pytest.approx(abs(aside_deg), abs=1)
 
 
 def test_a_frame_with_less_detail_costs_beyond_what_always_differs() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.frame import Frame
-from mien.geometry.camera import Camera, back_project
+from mien.geometry.camera import Camera, back_project, line_of_sight
 from mien.geometry.rotation import similarity
 from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
@@ -90,12 +90,13 @@ def expected_errors(looks: Sequence[Landmarks], details: Sequence[float], camera
     the first look.
     """
     points = [_points(look, camera) for look in looks]
-    rotations = [_rotation(p, points[0], R) for p in points]
-    turned = np.array([turned_deg(rotation, t) for rotation in rotations])
+    t = _as_far_as(looks[0], t, camera)
+    poses = [_pose(p, points[0], R, t) for p in points]
+    turned = np.array([turned_deg(*pose) for pose in poses])
     # Turning distorts detected landmarks like an expression: turned looks must not define the usual face.
     facing = np.flatnonzero(turned <= turned.min() + _MORE_TURNED_DEG)
     moved, typical = _typical([points[k] for k in facing])
-    lateral = ((moved - typical) @ rotations[facing[0]])[:, :, :2]  # without depth
+    lateral = ((moved - typical) @ poses[facing[0]][0])[:, :, :2]  # without depth
     displacement = np.linalg.norm(lateral, axis=2)
     upper, lower = (np.sqrt((displacement[:, part] ** 2).mean(axis=1)) for part in (_UPPER, _LOWER))
     width = np.linalg.norm(np.diff(moved[:, _MOUTH_CORNERS], axis=1)[:, 0], axis=1)
@@ -114,14 +115,23 @@ def disagreement_error(look: Landmarks) -> float:
     return PER_DISAGREEMENT * max((look.disagreement or 0.0) - USUAL_DISAGREEMENT, 0.0)
 
 
-def rotation_of(look: Landmarks, first: Landmarks, camera: Camera, R: Array) -> Array:
-    """Rotation (3, 3) of a face in a look, given its rotation R in the first; it differs from that of a fit by two
-    degrees in the median, and takes a fortieth of the time."""
-    return _rotation(_points(look, camera), _points(first, camera), R)
+def turn_of(look: Landmarks, first: Landmarks, camera: Camera, R: Array, t: Array) -> float:
+    """Angle in degrees by which a face is turned away from the camera in a look, given its pose R (3, 3), t (3,) in the
+    first; it differs from that of a fit by two degrees in the median, and takes a fortieth of the time."""
+    return turned_deg(*_pose(_points(look, camera), _points(first, camera), R, _as_far_as(first, t, camera)))
 
 
-def _rotation(points: Array, first: Array, R: Array) -> Array:
-    return np.asarray(similarity(points[_RIGID], first[_RIGID])[1].T @ R)
+def _as_far_as(look: Landmarks, t: Array, camera: Camera) -> Array:
+    """The translation t (3,) of a face in the units of `_points`."""
+    sight = line_of_sight(look.points, camera)
+    return np.asarray(t * (camera.focal_px / (sight[2] * float(t @ sight))))
+
+
+def _pose(points: Array, first: Array, R: Array, t: Array) -> tuple[Array, Array]:
+    """Pose (3, 3), (3,) of a face with points (m, 3), given its pose with the first ones: also where it is seen, from
+    which it may be turned away, has moved."""
+    scale, A, shift = similarity(first[_RIGID], points[_RIGID])
+    return A @ R, scale * A @ t + shift
 
 
 def _points(look: Landmarks, camera: Camera) -> Array:

@@ -16,8 +16,9 @@ from mien.geometry.camera import Camera
 from mien.graphics import Graphics
 from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmarks import Landmarks, Point
+from mien.initialization.straight import straightened
 from mien.start.footage import Footage
-from mien.start.looks import detail, disagreement_error, expected_errors, eye_opening, rotation_of
+from mien.start.looks import detail, disagreement_error, expected_errors, eye_opening, turn_of
 from mien.start.still import StillSearch
 from mien.tracking.scene import numbered_by_shot
 from mien.video import decode_frame
@@ -106,7 +107,7 @@ class Patience:
 
     def __call__(self, frame: Frame) -> list[Landmarks]:
         """The faces of a frame, largest first, if tracking may start with it; else none."""
-        from mien.initialization.detector import detect, detect_once
+        from mien.initialization.detector import detect, detect_once, refine
 
         def trackable(faces: Iterable[Landmarks]) -> list[Landmarks]:
             return [face for face in faces if face.are_trackable(frame.width, frame.height)]
@@ -118,8 +119,9 @@ class Patience:
             return []
         self.last_seen = frame.time
         if self.first_detection is None:
-            try:
-                self.first_detection = faces[0], fit_first_frame(faces[0], self.camera)
+            try:  # all later turns are measured from this one, so it is found as well as it can be
+                seen = straightened(frame, refine(frame, faces[0]) or faces[0], self.camera)
+                self.first_detection = seen, fit_first_frame(seen, self.camera)
             except MienError:  # no face has such landmarks; the next frame may show it better
                 return []
         first, fit = self.first_detection
@@ -130,7 +132,7 @@ class Patience:
 
     def _is_ready(self, face: Landmarks, first: Landmarks, fit: FirstFrame) -> bool:
         """Whether a face looks into the camera with open eyes; fit: of its first detection."""
-        return _into_camera(rotation_of(face, first, self.camera, fit.R), fit.t) and eye_opening(face) > _SHUT
+        return turn_of(face, first, self.camera, fit.R, fit.t) <= TURNED_DEG and eye_opening(face) > _SHUT
 
 
 def best_look(
@@ -143,7 +145,7 @@ def best_look(
     uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(replace(footage, start=first.time)))
     later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
-    looks, details, facing = [landmarks], [detail(first, landmarks)], _into_camera(fit.R, fit.t)
+    looks, details, facing = [landmarks], [detail(first, landmarks)], turned_deg(fit.R, fit.t) <= TURNED_DEG
     still = StillSearch(first, landmarks)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
     in_time = takewhile(lambda frame: frame.time < until, later)
@@ -153,7 +155,7 @@ def best_look(
         looks.append(face)
         details.append(detail(frame, face))
         still.add(frame, face)
-        if not facing and _into_camera(rotation_of(face, landmarks, camera, fit.R), fit.t):
+        if not facing and turn_of(face, landmarks, camera, fit.R, fit.t) <= TURNED_DEG:
             facing, until = True, face.time + _LOOK_SECONDS
     errors = expected_errors(looks, details, camera, fit.R, fit.t)
     best, looks = _confirmed_best(first, looks, errors, footage)
@@ -202,8 +204,3 @@ def sampled_frames(footage: Footage) -> Iterator[tuple[int, Frame]]:
             due = frame.time + DETECTION_INTERVAL
             yield cuts, frame
         before = frame.time
-
-
-def _into_camera(R: Array, t: Array) -> bool:
-    """Whether a face with pose R (3, 3), t (3,) is close enough to frontal to be learned well."""
-    return turned_deg(R, t) <= TURNED_DEG
