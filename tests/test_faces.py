@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import mien
+from mien import faces
 from mien.errors import MienError, MienWarning
 from mien.faces import (
     FaceBoxes,
@@ -207,6 +208,22 @@ def test_a_face_is_known_where_a_track_has_it() -> None:
     gaps = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4) for k in (0, 3, 4, 8, 9))  # images that could not be read
     assert _is_known(_seen(4, 100), [gaps])
     assert not _is_known(_seen(9, 100), [gaps])
+
+
+def test_an_appearance_may_be_of_several_people(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who follow each other in one place, where a cut was not noticed."""
+    asked: list[tuple[str, int]] = []
+    people = {"first": 2, "second": 0, "third": 4}
+
+    def track(self: object, appearance: str, found: list[str]) -> str | None:
+        asked.append((appearance, len(found)))
+        people[appearance] -= 1
+        return appearance if people[appearance] >= 0 else None
+
+    monkeypatch.setattr(faces._Run, "_track", track)
+    run = faces._Run(*[None] * 5, 4, 1, None)  # type: ignore[arg-type]
+    assert run.track_all(list(people)) == ["first", "first", "third", "third"]  # type: ignore[arg-type]
+    assert asked == [("first", 0), ("first", 1), ("first", 2), ("second", 2), ("third", 2), ("third", 3)]
 
 
 def test_the_part_of_an_appearance_that_no_track_has() -> None:

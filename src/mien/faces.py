@@ -179,12 +179,12 @@ class _Run:
     progress: Progress | None
 
     def track_all(self, appearances: Sequence[Sequence[Sighting]]) -> list[TrackedFace]:
-        """Track the faces of all appearances, one after the other, until there are enough."""
+        """Track the faces of all appearances, one after the other, until there are enough. An appearance may be of
+        several people: of those who pass each other, or follow each other in one place."""
         found: list[TrackedFace] = []
         for appearance in appearances:
-            if len(found) < self.faces:
-                tracked = self._track(appearance, found)
-                found += [tracked] if tracked else []
+            while len(found) < self.faces and (tracked := self._track(appearance, found)):
+                found.append(tracked)
         return found
 
     def reporter(self, tracks: int) -> Callable[[Estimate], None]:

@@ -41,6 +41,21 @@ def test_cuts_are_counted() -> None:
     assert [cuts for cuts, _ in shots] == [0, 0, 0, 0, 1, 2, 3, 4]
 
 
+def test_bars_beside_the_picture_do_not_hide_a_cut() -> None:
+    def between_bars(picture: Frame) -> Frame:
+        return Frame(np.where(((X > 50) & (X < 110))[..., None], picture.pixels, 5).astype(np.uint8))
+
+    shots = numbered_by_shot([between_bars(_noise(k)) for k in (0, 0, 1, 1)])
+    assert [cuts for cuts, _ in shots] == [0, 0, 1, 1]
+
+
+def test_a_night_is_no_row_of_cuts() -> None:
+    """Nearly all is dark, and its noise is the same in no two frames."""
+    scene, rng = 3 + 15 * (X > 80) + 60 * ((X > 70) & (X < 78) & (Y < 30)), np.random.default_rng(0)
+    night = [Frame(np.clip(scene[..., None] + rng.normal(0, 2, (*SIZE, 3)), 0, 255).astype(np.uint8)) for _ in range(3)]
+    assert [cuts for cuts, _ in numbered_by_shot(night)] == [0, 0, 0]
+
+
 def test_brighter_surroundings_are_the_same() -> None:
     brighter = Frame((40 + 0.7 * _noise(0).pixels).astype(np.uint8))
     assert _correlation(_noise(0), brighter) > 0.999

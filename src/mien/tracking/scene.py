@@ -19,6 +19,8 @@ _SAME_SHOT = 0.7
 more."""
 _LEAST_AROUND = 0.08
 """Least share of the grid that has to lie around the face for a verdict."""
+_DARK = 80
+"""Sum of the four pixels of a cell up to which it is dark."""
 
 
 class Scene:
@@ -42,9 +44,10 @@ class Scene:
         self.seen.append(total)
 
     def correlation(self, face: Array, radius: float) -> float:
-        """Correlation of the surroundings in the frame remembered last with those `look_back` frames before:
-        of what is further from the face (2,) than a radius, in pixels. 0 where that is hardly anything, and where the
-        frames differ in size."""
+        """Correlation of the surroundings in the frame remembered last with those `look_back` frames before: of what is
+        further from the face (2,) than a radius, in pixels, without what is dark in both, like the bars beside a
+        picture, which a cut leaves as they were, as long as that is not nearly all. 0 where there is hardly anything
+        around, and where the frames differ in size."""
         rows, columns = self.seen[-1].shape
         down, across = self.cell
         y, x = (np.arange(rows) + 0.5) * down - 0.5, (np.arange(columns) + 0.5) * across - 0.5
@@ -52,7 +55,9 @@ class Scene:
         around = np.hypot(y[:, None] - face[1], x - face[0]) > radius + reach
         if around.mean() < _LEAST_AROUND or self.seen[0].shape != around.shape:
             return 0.0
-        before, now = (grid[around] - grid[around].mean() for grid in (self.seen[0], self.seen[-1]))
+        lit = around & (np.maximum(self.seen[0], self.seen[-1]) > _DARK)
+        seen = lit if lit.mean() >= _LEAST_AROUND else around
+        before, now = (grid[seen] - grid[seen].mean() for grid in (self.seen[0], self.seen[-1]))
         return float(before @ now / max(np.linalg.norm(before) * np.linalg.norm(now), 1e-9))
 
 

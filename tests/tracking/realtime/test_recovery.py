@@ -10,7 +10,7 @@ import pytest
 from long_motion import sequence
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import angle_between, exp
+from mien.geometry.rotation import FACING, angle_between, exp
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import recovery
 from mien.tracking.realtime.recovery import Keyframes, _pnp, turned_aside
@@ -137,3 +137,10 @@ def test_a_view_is_new_where_no_other_is_near(keyframes: Keyframes) -> None:
 def test_points_that_coincide_give_no_pose() -> None:
     X = np.random.default_rng(0).normal(size=(10, 3))
     assert _pnp(X, np.full((10, 2), 50.0), face().camera, 5.0) is None
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 90.0, 180.0, -40.0])
+def test_a_head_that_lies_on_its_side_turns_aside_about_its_own_axis(roll_deg: float) -> None:
+    first = Pose(exp(np.radians([0.0, 0.0, roll_deg])) @ FACING, np.array([0.0, 0.0, 9.0]), np.zeros(6))
+    for pose in turned_aside(first, first.R):
+        np.testing.assert_allclose(pose.R[:, 1], first.R[:, 1], atol=1e-9)

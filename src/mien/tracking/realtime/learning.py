@@ -32,6 +32,8 @@ CROP_UNITS = 1.75
 _EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What the eyes do in the views that show them moved, in turn: half closed, shut, looking to either side."""
+_MIRRORED_EYES = (0, 1, 3, 2)
+"""Which of these the mirror image of a face shows."""
 _EYE_VIEWS = 4
 _CLEAR = 0.5
 """Depth behind the face's own surface, as a share of the depth at which a landmark is hidden, beyond which a view
@@ -156,10 +158,10 @@ class _Views:
 
 @dataclass(frozen=True)
 class _Changes:
-    """Changes (m, n, 128) of the descriptors in some views: when the eyes move, as `_EYES` says in turn, and when the
-    light does."""
+    """Changes (m, n, 128) of the descriptors in some views: when the eyes do each of what `_EYES` says, and when the
+    light moves."""
 
-    eyes: Float32
+    eyes: tuple[Float32, ...]
     light: Float32
 
 
@@ -194,20 +196,25 @@ def _render_views(renderer: _ViewRenderer, tilts: Array, pans: Array, s: Realtim
 
 
 def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings) -> _Changes:
-    """Render some of the views once more, with moved eyes and in other lights."""
+    """Render some of the views once more, with moved eyes and in other lights: in pairs that are mirror images of each
+    other, so that the mirror image of a face is learned like the face."""
     rng = np.random.default_rng(0)
-    eyes, lights = [], []
-    seen = views.seen.reshape(-1, *views.seen.shape[2:])
-    for k, (tilt, pan) in enumerate(product(views.tilts, views.pans)):
-        R = rotation(tilt, pan, 0.0)
-        posed = renderer.posed(R)
-        if k % _EYE_VIEWS == 0:
-            texture = renderer.moved_eyes[k // _EYE_VIEWS % len(_EYES)]
-            eyes.append(renderer.describe(posed, texture)[0] - seen[k])
-        if k % _LIT_VIEWS == 0:
-            light = random_light(renderer.normals @ R.T, s.views.light_contrast, rng)
-            lights.append(renderer.describe(posed, renderer.texture, light)[0] - seen[k])
-    return _Changes(np.array(eyes), np.array(lights))
+    eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
+    lights = []
+    last = len(views.pans) - 1
+    for k, (i, j) in enumerate(product(range(len(views.tilts)), range(last // 2 + 1))):
+        moved = k // _EYE_VIEWS % len(_EYES) if k % _EYE_VIEWS == 0 else None
+        light = random_light(s.views.light_contrast, rng) if k % _LIT_VIEWS == 0 else None
+        for column, sign in ((j, 1), (last - j, -1)):
+            R, seen = rotation(views.tilts[i], views.pans[column], 0.0), views.seen[i, column]
+            posed = renderer.posed(R)
+            if moved is not None:
+                shown = moved if sign > 0 else _MIRRORED_EYES[moved]
+                eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - seen)
+            if light is not None:
+                lit = np.exp(renderer.normals @ R.T @ (light * [sign, 1, 1]))
+                lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
+    return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights))
 
 
 def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: RealtimeSettings) -> Level:
@@ -215,10 +222,10 @@ def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: Realt
     limit = np.array([views.tilts[-1], views.pans[-1]])
     terms = np.array([kernels.polynomial(tilt, pan, limit)[0] for tilt, pan in product(views.tilts, views.pans)])
     samples, weight = (part.reshape(len(terms), *part.shape[2:]) for part in (views.seen, views.weight))
-    shares = ((changes.eyes, s.views.eye_share), (changes.light, 1.0))
+    shares = ((np.concatenate(changes.eyes), s.views.eye_share), (changes.light, 1.0))
     spread = np.concatenate([change * np.float32(math.sqrt(share / len(change))) for change, share in shares])
     appearance = PoseRegression.learn(samples, terms, weight, limit, s.covariance.floor, s.covariance.rank, spread)
-    moved_eyes = np.stack([np.mean(changes.eyes[k :: len(_EYES)], axis=0) for k in range(len(_EYES))])
+    moved_eyes = np.stack([np.mean(moved, axis=0) for moved in changes.eyes])
     angles = (views.tilts, views.pans)
     return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind)
 
@@ -269,11 +276,11 @@ def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera
     return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)
 
 
-def random_light(normals: Array, contrast: float, rng: np.random.Generator) -> Array:
-    """Brightness (V,) of a matt surface with normals (V, 3) in camera axes, lit from a random direction."""
+def random_light(contrast: float, rng: np.random.Generator) -> Array:
+    """A light (3,) from a random direction across the view, camera axes: it multiplies the brightness of a matt surface
+    with normals N (V, 3) by `exp(N @ light)`."""
     direction = np.append(rng.standard_normal(2), 0.0)
-    direction *= contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)
-    return np.asarray(np.exp(normals @ direction))
+    return np.asarray(direction * (contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)))
 
 
 def _normals_at(points: Array, surface: Surface, camera: Camera) -> Array:

@@ -150,11 +150,11 @@ class Keyframes:
 
 
 def turned_aside(pose: Pose, R_first: Array) -> Iterator[Pose]:
-    """Poses of a head that has turned aside, about the vertical of the image, since it was at a pose, or back to where
-    it looked in the first frame, with rotation R_first (3, 3). The neck stays where it is."""
+    """Poses of a head that has turned aside since it was at a pose, about its own axis, or back to where it looked in
+    the first frame, with rotation R_first (3, 3). The neck stays where it is."""
     neck = pose.R @ _NECK + pose.t
     for pan in _PANS:
-        R = exp(np.array([0.0, pan, 0.0])) @ R_first
+        R = R_first @ exp(np.array([0.0, pan, 0.0]))
         yield Pose(R, neck - R @ _NECK, pose.animation)
 
 
