@@ -21,7 +21,7 @@ def _noise(seed: int) -> Frame:
 
 
 def _correlation(*frames: Frame, radius: float = RADIUS) -> float:
-    scene = Scene(look_back=2)
+    scene = Scene(frames=2)
     for frame in frames:
         scene.remember(frame)
     return scene.correlation(FACE, radius)

@@ -3,7 +3,6 @@ does not."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from mien.arrays import Array
 from mien.frame import Frame
+from mien.tracking.recent import Recent
 
 _ROWS, _COLUMNS = 24, 32
 """Least number of grid cells in frames that have as many pixels."""
@@ -26,9 +26,9 @@ _DARK = 80
 class Scene:
     """The last frames, each as a coarse grid."""
 
-    def __init__(self, look_back: int) -> None:
-        """look_back: number of frames after which the scene is compared with itself."""
-        self.seen: deque[NDArray[np.uint16]] = deque(maxlen=look_back + 1)
+    def __init__(self, frames: int, seconds: float = 0.0) -> None:
+        """frames, seconds: after which the scene is compared with itself, see `Recent`."""
+        self.seen: Recent[NDArray[np.uint16]] = Recent(frames, seconds)
 
     def remember(self, frame: Frame) -> None:
         """Keep the grid of a frame: per cell the sum of four pixels, at a quarter and three quarters of its sides. The
@@ -41,10 +41,10 @@ class Scene:
         total = np.add(above[:, left::across], above[:, right::across], dtype=np.uint16)
         total += below[:, left::across]
         total += below[:, right::across]
-        self.seen.append(total)
+        self.seen.add(total, frame.time)
 
     def correlation(self, face: Array, radius: float) -> float:
-        """Correlation of the surroundings in the frame remembered last with those `look_back` frames before: of what is
+        """Correlation of the surroundings in the frame remembered last with the earlier one: of what is
         further from the face (2,) than a radius, in pixels, without what is dark in both, like the bars beside a
         picture, which a cut leaves as they were, as long as that is not nearly all. 0 where there is hardly anything
         around, and where the frames differ in size."""
@@ -63,7 +63,7 @@ class Scene:
 
 def numbered_by_shot(frames: Iterable[Frame]) -> Iterator[tuple[int, Frame]]:
     """Each frame, with the number of cuts before it."""
-    scene, cuts = Scene(look_back=1), 0
+    scene, cuts = Scene(frames=1), 0
     for frame in frames:
         scene.remember(frame)
         cuts += scene.correlation(np.zeros(2), 0.0) < _SAME_SHOT

@@ -50,11 +50,11 @@ def test_whether_a_face_is_the_same(
 
 def test_it_is_steady_where_it_is_known_and_as_twelve_frames_ago() -> None:
     identity = Identity(np.ones(4))
-    identity.patches.later.append(0.9)
+    identity.patches.later.add(0.9, 0.0)
     assert identity.is_steady
-    identity.patches.later.append(0.8)
+    identity.patches.later.add(0.8, 0.1)
     assert not identity.is_steady
-    identity.patches.later.append(0.9)
+    identity.patches.later.add(0.9, 0.0)
     identity.update(1.0, (0.5, 1.0), lambda: 0.0)  # a cut
     assert identity.is_doubted
     assert not identity.is_steady
@@ -72,7 +72,7 @@ def test_a_known_face_is_known_again_when_what_covered_it_goes(frames: int, ente
     for share in shares:
         patches = share * covered + (1 - share) * bare
         norms = np.linalg.norm(patches, axis=1).astype(np.float64)
-        agreements = identity.patches.add(patches, norms, np.ones(30))
+        agreements = identity.patches.add(patches, norms, np.ones(30), 0.0)
         if len(identity.patches.frames) > 1:
             identity.update(0.0, agreements, lambda: 1.0)
     assert identity.probability > 0.75  # doubted by a five-hundredth a frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mien.arrays import Array
 from mien.tracking.realtime.patch_history import PatchHistory
@@ -13,9 +14,9 @@ FACE, OTHER = rng.normal(0, 40, (2, N, PIXELS))
 SEEN = np.ones(N)
 
 
-def add(history: PatchHistory, patches: Array, weight: Array = SEEN) -> tuple[float, float]:
+def add(history: PatchHistory, patches: Array, weight: Array = SEEN, time: float = 0.0) -> tuple[float, float]:
     values = (patches - patches.mean(axis=1, keepdims=True)).astype(np.float32)
-    return history.add(values, np.linalg.norm(values, axis=1).astype(np.float64), weight.copy())
+    return history.add(values, np.linalg.norm(values, axis=1).astype(np.float64), weight.copy(), time)
 
 
 def test_what_came_before_the_face_has_to_stay_as_long_again() -> None:
@@ -39,6 +40,21 @@ def test_a_picture_that_dissolves_into_another_is_the_same_from_frame_to_frame_a
     assert later[:20].min() > 0.99
     assert later.min() < 0.6
     assert later[-1] > 0.95  # the other picture, which stays
+
+
+@pytest.mark.parametrize("fps", [30, 120, 240])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_it_takes_as_long_to_notice_that_at_any_frame_rate(fps: int, backwards: bool) -> None:
+    """A dissolve of a second, forwards or backwards in time."""
+    history = PatchHistory(SEEN)
+    times = np.arange(0, 3, 1 / fps)
+    shares = np.clip(times - 1, 0, 1)
+    later = [
+        add(history, (1 - share) * FACE + share * OTHER, time=-time if backwards else time)[1]
+        for time, share in zip(times.tolist(), shares, strict=True)
+    ]
+    assert min(later[1:fps]) > 0.99
+    assert min(later[1:]) == pytest.approx(0.73, abs=0.03)
 
 
 def test_a_face_that_was_covered_matches_what_was_kept_once() -> None:

@@ -1,10 +1,10 @@
 """Whether the tracked face is still that of the first frame.
 
 There are two kinds of evidence. Familiarity: how near the descriptors are to those of the first frame. And continuity:
-whether the face is the same as a moment ago, by the correlation of its patches with those of the last frame and of
-twelve frames before; where that leaves it open, by the surroundings, which a cut or a dissolve changes, and a hand or a
-grimace does not. A face that no longer looks familiar, since it has turned or is lit otherwise, stays known as long as
-it has been the same in every frame since it did.
+whether the face is the same as a moment ago, by the correlation of its patches with those of the last frame and of some
+time before, see `LOOK_BACK`; where that leaves it open, by the surroundings, which a cut or a dissolve changes, and a
+hand or a grimace does not. A face that no longer looks familiar, since it has turned or is lit otherwise, stays known
+as long as it has been the same in every frame since it did.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 
 from mien.arrays import Array
-from mien.tracking.realtime.patch_history import LOOK_BACK, PatchHistory
+from mien.tracking.realtime.patch_history import LOOK_BACK, LOOK_BACK_SECONDS, PatchHistory
 from mien.tracking.scene import Scene
 
 FAMILIAR = 0.5
@@ -25,11 +25,11 @@ _SAME, _ANOTHER = 0.9, 0.7
 """Correlation of a face's patches with the last frame's above which it is the same face, and below which another one:
 mostly it is 0.99, in one of a hundred frames less than 0.95, and 0.4 where something comes before it."""
 _SAME_LATER, _ANOTHER_LATER = 0.85, 0.75
-"""The same over twelve frames, where the face does not look familiar: of recordings nearly all such frames have more
-than the first; while a picture dissolves into another person's hardly any face has."""
+"""The same over that time, where the face does not look familiar: of recordings nearly all such frames have more than
+the first; while a picture dissolves into another person's hardly any face has."""
 _SAME_SCENE = 0.8
-"""Correlation of the surroundings over twelve frames, which decides in between: a blurred frame or a hand before the
-face leaves them as they were, another picture does not."""
+"""Correlation of the surroundings over that time, which decides in between: a blurred frame or a hand before the face
+leaves them as they were, another picture does not."""
 _RECOGNITION_RATE, _DOUBT_RATE = 0.1, 0.002
 """Rates per frame at which identity is recognised, and doubted: a stranger looks familiar now and then, and what is the
 same patch by patch may have come slowly."""
@@ -46,7 +46,7 @@ class Identity:
     def __init__(self, distinctive: Array) -> None:
         """distinctive: (n,) 1 for patches that differ from person to person, 0 for the others."""
         self.patches = PatchHistory(distinctive)
-        self.scene = Scene(LOOK_BACK)
+        self.scene = Scene(LOOK_BACK, LOOK_BACK_SECONDS)
         self.probability = 1.0
         self._when_covered = 1.0
 
@@ -60,7 +60,7 @@ class Identity:
 
     @property
     def is_steady(self) -> bool:
-        """Whether it is known to be the same face, and the same as twelve frames ago: how it looks may be learned. In a
+        """Whether it is known to be the same face, and the same as some time ago: how it looks may be learned. In a
         jump, or in a picture that dissolves, something else would be."""
         return self.is_known and self.patches.later[-1] > _SAME_LATER
 

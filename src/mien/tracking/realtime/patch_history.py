@@ -7,7 +7,6 @@ has moved with the face.
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,13 @@ import numpy as np
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.tracking.realtime.kernels import insert
+from mien.tracking.recent import Recent
 
-LOOK_BACK, _LASTING = 12, 4
-"""Frames after which a patch is compared with itself once more, as one picture may dissolve into another, alike from
-frame to frame; and the number of frames in which it has to differ, so that a quick grimace does not count."""
+LOOK_BACK, LOOK_BACK_SECONDS = 12, 0.39
+"""Frames and seconds after which a patch is compared with itself once more, as one picture may dissolve into another,
+alike from frame to frame."""
+_LASTING, _LASTING_SECONDS = 3, 0.09
+"""Frames and seconds for which it has to differ, so that a quick grimace does not count."""
 _OF_THE_FACE, _LEAST_PATCHES = 0.2, 4
 """Weight above which a patch belongs to the face, and the least number of such patches for a median."""
 _AGREEMENT_RATE = 0.05
@@ -40,25 +42,25 @@ class PatchHistory:
         """distinctive: (n,) 1 for patches that differ from person to person, 0 for the others."""
         self.distinctive = distinctive
         self.agreement = np.ones(len(distinctive))
-        self.frames: deque[Patches] = deque(maxlen=LOOK_BACK + 1)
-        self.later: deque[float] = deque(maxlen=_LASTING)
+        self.frames: Recent[Patches] = Recent(LOOK_BACK, LOOK_BACK_SECONDS)
+        self.later: Recent[float] = Recent(_LASTING, _LASTING_SECONDS)
         self.kept: Patches | None = None
 
-    def add(self, values: Float32, norms: Array, weight: Array) -> tuple[float, float]:
-        """Take the patches of a new frame: values (n, m) less their mean, norms (n,), and how far each belongs to the
-        face, weight (n,) in [0, 1].
+    def add(self, values: Float32, norms: Array, weight: Array, time: float) -> tuple[float, float]:
+        """Take the patches of a new frame, at a time in seconds: values (n, m) less their mean, norms (n,), and how far
+        each belongs to the face, weight (n,) in [0, 1].
 
         Returns the median correlation with the patches that belonged to the face in the last frame, and the highest of
-        the last four frames' with those that did `LOOK_BACK` frames before and still do; 0 where hardly any are seen.
+        the last frames' with those that did `LOOK_BACK` frames before and still do; 0 where hardly any are seen.
         """
-        self.frames.append((values, norms, weight))
+        self.frames.add((values, norms, weight), time)
         if len(self.frames) == 1:
             return 0.0, 0.0
         earlier, last, now = self.frames[0], self.frames[-2], self.frames[-1]
         correlation, median = _agreement(last, now, self.distinctive, last[2])
         self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
         np.minimum(self.agreement, correlation, out=self.agreement)
-        self.later.append(_agreement(earlier, now, self.distinctive, weight)[1])
+        self.later.add(_agreement(earlier, now, self.distinctive, weight)[1], time)
         return median, max(self.later)
 
     def disregard(self, patches: Mask) -> None:
@@ -77,8 +79,8 @@ class PatchHistory:
         now = self.frames[-1]
         matches: bool = _agreement(self.kept, now, self.distinctive, now[2])[1] > least
         if matches:
-            self.frames = deque([self.kept, now], maxlen=LOOK_BACK + 1)
-            self.later = deque([1.0], maxlen=_LASTING)
+            self.frames.restart(self.kept, now)
+            self.later.restart(1.0)
             self.kept = None
         return matches
 

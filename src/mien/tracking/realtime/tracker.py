@@ -184,7 +184,7 @@ class RealtimeTracker:
         return familiarity(solution.distinctive_d2, math.acos(min(max(cosine, -1.0), 1.0)))
 
     def _surroundings(self, frame: Frame) -> float:
-        """Correlation of the surroundings of the face with those of twelve frames ago."""
+        """Correlation of the surroundings of the face with those of `LOOK_BACK` frames ago."""
         radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
         return self.identity.scene.correlation(self.camera.project(self.pose.t)[0], radius)
 
@@ -278,7 +278,7 @@ class RealtimeTracker:
         self.step_covariance = solution.step_covariance
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
         patches = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry)
-        agreements = self.identity.patches.add(*patches, seen)
+        agreements = self.identity.patches.add(*patches, seen, frame.time)
         mouth = self.person.mouth
         self.visible = visibility(solution.d2, solution.facing, self.identity.patches.agreement, mouth)
         # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
