@@ -66,6 +66,11 @@ class PoseRegression:
         inverse_floor, by_view = np.full(len(seen), 1 / floor, np.float32), np.ascontiguousarray(lack_of_fit.T)
         return cls(coefficients, directions, gain, inverse_floor, limit, by_view)
 
+    def squared_norms(self, changes: Float32) -> Array:
+        """Squared distances (m, n) that changes (m, n, 128) of the descriptors make."""
+        along = np.einsum("nkd,mnd->mnk", self.U, changes)
+        return np.asarray((changes**2).sum(axis=2) * self.inverse_floor + (along**2 * self.gain).sum(axis=2), float)
+
 
 def _leading(covariance: Float32, rank: int) -> tuple[Float32, Float32]:
     """Variances (n, k) and directions (n, k, d) of the `rank` leading eigenvectors of covariances (n, d, d)."""

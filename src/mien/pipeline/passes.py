@@ -189,5 +189,5 @@ def warn_of_first_frame(
     elif turned < COVERED_WITHIN_DEG and (landmarks.disagreement or 0.0) > COVERED:
         warn(
             f"{video.name}: something seems to cover a part of {face} at {first.time:.2f} s, where tracking begins, "
-            f"and will be taken for it; {remedy} where nothing does"
+            f"and will be taken for it, or it is dark, blurred or noisy there; {remedy} where all of it is seen well"
         )

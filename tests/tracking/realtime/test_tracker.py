@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -24,9 +26,10 @@ from mien.frame import Decoded, Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
-from mien.synthetic import make_sequence, moved
+from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.paper import PaperTracker
-from mien.tracking.realtime import RealtimeTracker, person
+from mien.tracking.realtime import RealtimeTracker, learning, person
+from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 from small_motion import face, run, small_motion
@@ -282,6 +285,27 @@ def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
     corners = np.array(["mouth_corner" in name for name in person.TRACKED])
     assert across[corners] == pytest.approx(2 * tracker.settings.motion.corner, rel=0.25)
     assert across[~corners].min() > 2 * across[corners].max()
+
+
+def test_what_noise_adds_to_distances_is_known() -> None:
+    """So that a face in noise does not look like somebody else's."""
+    at_rest = moved(face(), np.zeros((8, 3)), np.zeros((8, 3)), np.zeros((8, 6)))
+    clean, noisy = (make_sequence(face(), at_rest, noise_sd=sd) for sd in (0, 80))
+
+    def distances(sequence: SyntheticSequence, least: float) -> tuple[Array, Array]:
+        tracker, found = RealtimeTracker(), list[Solution]()
+        with patch.object(learning, "_LEAST_NOISE", least):
+            tracker.initialize(sequence.frames[0], face().landmarks, face().camera)
+        for frame in sequence.frames[1:]:
+            found.append(tracker.solver.refine(frame, tracker.prior.prediction(tracker.pose, tracker.pose))[1])
+        return np.mean([s.d2 for s in found], axis=0), np.mean([s.d2_without_noise for s in found], axis=0)
+
+    usual, _ = distances(clean, 1.0)
+    seen, removed = distances(noisy, 1.0)
+    assert np.median(seen) > np.median(usual) + 30
+    assert np.median(removed) < np.median(usual) + 10
+    _, ignored = distances(noisy, math.inf)
+    assert np.median(ignored) > np.median(usual) + 30
 
 
 def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
 from mien.appearance.eyes import close_eye, turn_eye
+from mien.appearance.noise import noise_image, noise_sd
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface
@@ -22,10 +23,11 @@ from mien.config import DescriptorSettings, RealtimeSettings
 from mien.config.realtime import MotionSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import kernels, pose_geometry
-from mien.tracking.realtime.level import Level
+from mien.tracking.realtime.level import Level, Noise
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
@@ -41,6 +43,11 @@ teaches nothing of it."""
 _LIT_VIEWS = 2
 """One view in so many is rendered in another light, too. Light goes into the covariance, not into the mean: with a
 random light in each view, the mean would be as random."""
+_LEAST_NOISE, _NOISE_SAMPLES = 1.0, 4
+"""Standard deviation, in grey values, below which noise changes next to nothing, and how often it is tried."""
+_NOISE_FACTOR = 1.35
+"""What noise adds to squared distances, as a factor of what it adds to those between two views: the views show that of
+the first frame, too. Between 1.2 and 1.5 on rendered heads in noise of 6 to 20 grey values."""
 _TURNED_VIEWS = 2
 """Pans to either side that are rendered in addition for a face that has turned aside."""
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
@@ -114,13 +121,24 @@ class _ViewRenderer:
         t = np.array([0, 0, self.distance]) - R @ CENTRE
         return self.head @ R.T + t, self.face.points @ R.T + t
 
+    @property
+    def scale(self) -> float:
+        """Pixels of a view for one of the frame."""
+        return self.descriptor.pixels_per_unit * float(self.face.fit.t[2]) / self.face.camera.focal_px
+
     def describe(
-        self, posed: tuple[Array, Array], texture: Texture, light: Array | None = None
+        self,
+        posed: tuple[Array, Array],
+        texture: Texture,
+        light: Array | None = None,
+        noise: Float32 | None = None,
     ) -> tuple[Float32, Float32]:
-        """Descriptors (n, 128) of the landmarks in a view, and its depth image; light (V,): see `render`."""
+        """Descriptors (n, 128) of the landmarks in a view, and its depth image; light (V,): see `render`; noise (size,
+        size): added to the grey values."""
         d, face, size, (vertices, points) = self.descriptor, self.face, self.size, posed
         drawn = render(vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
-        maps = orientation_maps(blurred(drawn.image[:, :, 0], d.blur), d.cell)
+        image = drawn.image[:, :, 0] if noise is None else drawn.image[:, :, 0] + noise
+        maps = orientation_maps(blurred(image, d.blur), d.cell)
         # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
         return describe_with_jacobian(maps, self.camera.project(points)[0], d.cell, d.root)[0], drawn.depth
 
@@ -158,11 +176,14 @@ class _Views:
 
 @dataclass(frozen=True)
 class _Changes:
-    """Changes (m, n, 128) of the descriptors in some views: when the eyes do each of what `_EYES` says, and when the
-    light moves."""
+    """Changes (m, n, 128) of the descriptors in some views: when the eyes do each of what `_EYES` says, when the light
+    moves, and by the noise of the picture; contrast: the fraction of the differences of descriptors that noise
+    leaves."""
 
     eyes: tuple[Float32, ...]
     light: Float32
+    noise: Float32
+    contrast: float
 
 
 def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
@@ -214,7 +235,20 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings)
             if light is not None:
                 lit = np.exp(renderer.normals @ R.T @ (light * [sign, 1, 1]))
                 lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
-    return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights))
+    return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights), *_changes_by_noise(renderer, rng))
+
+
+def _changes_by_noise(renderer: _ViewRenderer, rng: np.random.Generator) -> tuple[Float32, float]:
+    """Changes (m, n, 128) of the descriptors of the face from the front, and the fraction of their differences that is
+    left; none, and all, where there is hardly any noise."""
+    sd, posed = noise_sd(renderer.face.frame.gray), renderer.posed(FACING)
+    clean = renderer.describe(posed, renderer.texture)[0]
+    if sd < _LEAST_NOISE:
+        return np.zeros((1, *clean.shape), np.float32), 1.0
+    noise = (noise_image(sd, renderer.size, renderer.scale, rng) for _ in range(_NOISE_SAMPLES))
+    noisy = np.array([renderer.describe(posed, renderer.texture, noise=shown)[0] for shown in noise])
+    differ, left = clean - clean.mean(axis=0), noisy.mean(axis=0) - noisy.mean(axis=(0, 1))
+    return noisy - clean, float((differ * left).sum() / (differ**2).sum())
 
 
 def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: RealtimeSettings) -> Level:
@@ -227,7 +261,8 @@ def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: Realt
     appearance = PoseRegression.learn(samples, terms, weight, limit, s.covariance.floor, s.covariance.rank, spread)
     moved_eyes = np.stack([np.mean(moved, axis=0) for moved in changes.eyes])
     angles = (views.tilts, views.pans)
-    return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind)
+    noise = Noise(_NOISE_FACTOR * appearance.squared_norms(changes.noise).mean(axis=0), changes.contrast)
+    return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind, noise)
 
 
 def _depth_behind(points: Array, depth: Float32, camera: Camera) -> Array:

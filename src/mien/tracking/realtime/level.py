@@ -18,6 +18,20 @@ from mien.geometry.camera import Camera
 
 
 @dataclass(frozen=True)
+class Noise:
+    """What the noise of the picture does to the squared distances of n landmarks: it adds d2 (n,), and leaves the
+    square of a fraction `contrast` of what the difference of two faces makes."""
+
+    d2: Array
+    contrast: float
+
+    def removed(self, d2: Array) -> Array:
+        """Squared distances (n,) as they would be without noise: how strange the landmarks look, not how badly they are
+        seen."""
+        return np.asarray(np.maximum(d2 - self.d2, 0.0) / self.contrast**2)
+
+
+@dataclass(frozen=True)
 class Level:
     """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
     descriptors when the eyes do what `learning._EYES` says. views: the k tilts and l pans in radians of the views;
@@ -30,6 +44,7 @@ class Level:
     eyes: Float32
     views: tuple[Array, Array]
     behind: Float32
+    noise: Noise
     learn_turned: Callable[[], Level] | None = None
 
     @cached_property

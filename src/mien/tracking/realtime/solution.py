@@ -15,7 +15,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.definite import inverse_definite
 from mien.tracking.realtime.kernels import Linearization
-from mien.tracking.realtime.level import Level
+from mien.tracking.realtime.level import Level, Noise
 from mien.tracking.realtime.pose_geometry import PoseArrays, ViewArrays
 
 _LEAST_LANDMARKS = 6
@@ -151,11 +151,17 @@ class Solution:
     at: Linearization
     facing: Mask
     expected: Array
+    noise: Noise
 
     @property
     def d2(self) -> Array:
         """Squared distance (n,) of each landmark from what was expected."""
         return self.at.d2
+
+    @cached_property
+    def d2_without_noise(self) -> Array:
+        """The same as it would be without noise, see `Noise`."""
+        return self.noise.removed(self.at.d2)
 
     @property
     def w(self) -> Array:
@@ -175,13 +181,14 @@ class Solution:
 
     def misfit_of(self, seen: Mask) -> float:
         """The same of the landmarks `seen` (n,)."""
-        ratio = sorted((self.d2[seen] / self.expected[seen]).tolist())  # for a few numbers faster than NumPy
+        relative = self.d2_without_noise[seen] / self.expected[seen]
+        ratio = sorted(relative.tolist())  # for a few numbers faster than NumPy
         return float(ratio[len(ratio) // 2]) if ratio else math.inf
 
     def seen(self, most: float) -> tuple[Array, float]:
-        """Squared distances (m,), at most `most`, of the landmarks that face the camera, and their share of all
-        landmarks."""
-        d2 = self.d2[self.facing & (self.d2 <= most)]
+        """Squared distances (m,) of the landmarks that face the camera and are, without noise, at most `most` away; and
+        their share of all landmarks."""
+        d2 = self.d2[self.facing & (self.d2_without_noise <= most)]
         return d2, len(d2) / len(self.d2)
 
     @cached_property
@@ -189,7 +196,7 @@ class Solution:
         """Squared distances (m,) of what faces the camera and distinguishes a face from other things: the landmarks,
         without the anchors, since plain skin looks like much else."""
         n = len(LANDMARK_NAMES)
-        return np.asarray(self.d2[:n][self.facing[:n]])
+        return np.asarray(self.d2_without_noise[:n][self.facing[:n]])
 
     def inlier_share(self, most: float) -> float:
         """Share of these whose squared distance is at most `most`; 0 if they are too few to locate a face."""

@@ -83,7 +83,8 @@ class PoseSolver:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
         s = self.settings
         found = self.posterior(view, predicted).solve(start.arrays, s.solver.iterations, s.solver.tolerance)
-        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, self.person.expected.copy())
+        expected, noise = self.person.expected.copy(), view.level.noise
+        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, expected, noise)
 
     def misfits(self, found: Solution) -> bool:
         """Whether a solution looks unlike the face."""

@@ -280,7 +280,7 @@ class RealtimeTracker:
         patches = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry)
         agreements = self.identity.patches.add(*patches, seen, frame.time)
         mouth = self.person.mouth
-        self.visible = visibility(solution.d2, solution.facing, self.identity.patches.agreement, mouth)
+        self.visible = visibility(solution.d2_without_noise, solution.facing, self.identity.patches.agreement, mouth)
         # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
         self.motion.weight = np.maximum(seen, mouth * self.visible)
         return agreements
