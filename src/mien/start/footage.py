@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
@@ -165,7 +165,8 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         values = values.get("camera", values)
         log_sd = float(values.get("focal_log_sd", 0.0))
         if "cx" in values or "cy" in values:
-            return Camera(*(float(values[name]) for name in ("focal_px", "cx", "cy")), focal_log_sd=log_sd)
+            focal_px, cx, cy = (float(values[name]) for name in ("focal_px", "cx", "cy"))
+            return Camera(focal_px, cx, cy, log_sd)
         return replace(Camera.centred(float(values["focal_px"]), *(size or (1, 1))), focal_log_sd=log_sd)
     except MienError as error:
         raise MienError(f"{path}: {error}") from error
