@@ -76,7 +76,7 @@ def learn_face(
     part, near = _cut_out(frame, surface, camera)
     pixels = near.project(points)[0]
     eyes = tuple(_with_eyes(part, pixels, draw, share) for draw, share in _EYES)
-    background = float(frame.gray.mean())
+    background = _around(part.gray)
     posed = _PosedFace(part, eyes, background, surface, (points - fit.t) @ fit.R, normals, fit, near)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
@@ -282,6 +282,11 @@ def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Cam
     gray = frame.gray_part(slice(y0, y1), slice(x0, x1))  # the same grey as will be tracked, also where eyes are drawn
     part = Frame(np.repeat(gray[:, :, None], 3, axis=2), frame.index, frame.time)
     return part, replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
+
+
+def _around(gray: Pixels) -> float:
+    """Mean of the outermost grey values (h, w): those of what is behind the face."""
+    return float(np.concatenate([gray[0], gray[-1], gray[:, 0], gray[:, -1]]).mean())
 
 
 def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
