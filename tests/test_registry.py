@@ -69,12 +69,22 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
         ),
         ({"descriptor": {"kernel": "opencv"}}, "own.json: descriptor: value error, the kernel must be mien"),
         ([1], "own.json holds no settings keyed by name"),
+        ({"settings": 1}, "own.json holds no settings keyed by name"),
         ("{", "own.json is not valid JSON"),
     ],
 )
 def test_settings_that_are_wrong_are_refused_by_name(tmp_path: Path, values: Any, message: str) -> None:
     with pytest.raises(MienError, match=message):
         create_tracker(f"realtime:{_written(tmp_path / 'own.json', values)}")
+
+
+@pytest.mark.parametrize("preset", ["realtime", "paper"])
+def test_the_settings_that_are_advised_are_read(tmp_path: Path, preset: str) -> None:
+    with pytest.raises(MienError, match="give JSON like") as refused:
+        create_tracker(f"{preset}:{_written(tmp_path / 'own.json', [])}")
+    advised = json.loads(str(refused.value).partition("give JSON like ")[2])
+    found = create_tracker(f"{preset}:{_written(tmp_path / 'own.json', advised)}").settings
+    assert found == create_tracker(preset).settings
 
 
 def test_settings_within_settings_that_are_not_given_are_those_of_the_preset(tmp_path: Path) -> None:

@@ -64,11 +64,19 @@ def read_settings(path: Path, kind: type[SomeSettings]) -> SomeSettings:
         raise MienError(
             f"{path} is not valid JSON ({error}); give a file like the NAME.json that mien writes"
         ) from error
-    require(isinstance(values, dict), f'{path} holds no settings keyed by name; give JSON like {{"view_rate": 0}}')
+    values = values.get("settings", values) if isinstance(values, dict) else None
+    example = json.dumps(_last(kind().model_dump()))
+    require(isinstance(values, dict), f"{path} holds no settings keyed by name; give JSON like {example}")
     try:
-        return kind.model_validate(values.get("settings", values))
+        return kind.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
         wrong = "unknown setting" if first["type"] == "extra_forbidden" else first["msg"].lower()
         raise MienError(f"{path}: {name}: {wrong}; mien.config.{kind.__name__} lists them all") from error
+
+
+def _last(values: dict[str, Any]) -> dict[str, Any]:
+    """The last value, with its name; of one that is a group itself only the last likewise."""
+    name, value = list(values.items())[-1]
+    return {name: _last(value) if isinstance(value, dict) else value}
