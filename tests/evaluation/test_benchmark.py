@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -180,6 +182,19 @@ def test_settings_of_a_file_are_a_tracker_of_their_own(tmp_path: Path) -> None:
     own.write_text('{"view_rat": 0}')
     with pytest.raises(MienError, match="view_rat: unknown setting"):
         replace(plan)
+
+
+def test_the_code_of_a_result_includes_all_that_a_job_imports_of_the_evaluation() -> None:
+    package = Path(benchmark.__file__).parent
+    waiting, entered = {"job.py"}, set[str]()
+    while waiting:
+        entered.add(name := waiting.pop())
+        modules = [package / name] if name.endswith(".py") else sorted((package / name).glob("*.py"))
+        parsed = (ast.walk(ast.parse(module.read_text(encoding="utf-8"))) for module in modules)
+        imports = (node.module or "" for node in chain.from_iterable(parsed) if isinstance(node, ast.ImportFrom))
+        parts = {name.split(".")[2] for name in imports if name.startswith("mien.evaluation.")}
+        waiting |= {part if (package / part).is_dir() else f"{part}.py" for part in parts} - entered
+    assert {("evaluation", name) for name in entered} == set(benchmark.READERS)
 
 
 def test_a_tracker_of_ones_own_that_has_changed_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

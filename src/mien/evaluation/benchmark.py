@@ -39,8 +39,12 @@ NOT_USED = (
 """Parts of mien on which results do not depend, apart from `READERS`."""
 READERS = [
     ("evaluation", name)
-    for name in ("datasets", "pose_csv.py", "points12.py", "protocols.py", "run.py", "results.py", "worst.py")
-]
+    for name in (
+        "datasets", "job.py", "metrics.py", "pose_csv.py", "points12.py", "protocols.py", "run.py", "results.py",
+        "worst.py",
+    )
+]  # fmt: skip
+"""The parts of the evaluation that a job runs: all that `job.py` imports of it."""
 
 
 def run_plan(
@@ -164,7 +168,8 @@ def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:
 
 @cache
 def code_checksum() -> str:
-    """SHA-256 of the parts of mien on which results depend: the trackers, and what reads a sequence and its truth."""
+    """SHA-256 of the parts of mien on which results depend: the trackers, what reads a sequence and its truth, and what
+    finds the landmarks of its first frame."""
     root = Path(mien.__file__).parent
     files = (p for p in sorted(root.rglob("*")) if p.is_file() and p.suffix not in (".pyc", ".nbi", ".nbc"))
     parts = {p: p.relative_to(root).parts for p in files}
