@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from mien.batch import find_videos
 from mien.demo import DemoErrors, compare, demo_states, run_demo
 from mien.errors import MienError
+from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.synthetic import make_sequence, portrait
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
@@ -68,6 +70,15 @@ def test_an_earlier_demo_is_overwritten(demo: tuple[Path, DemoErrors, str], tmp_
     shutil.copytree(out, tmp_path / "demo")
     run_demo(tmp_path / "demo", seconds=0.2, console=Console(file=StringIO()))
     assert len(Track.read(tmp_path / "demo" / "track.csv")) == 5
+
+
+def test_its_video_is_no_overlay(demo: tuple[Path, DemoErrors, str], tmp_path: Path) -> None:
+    """A batch tracks it, and no overlay takes its place."""
+    out, *_ = demo
+    assert [video.name for video, _ in find_videos([out], tmp_path)] == ["video.mp4"]
+    with pytest.raises(MienError, match=r"video\.mp4 exists and is not an overlay by mien"):
+        Destination(overlay=out / "video.mp4").check([])
+    Destination(overlay=out / "overlay.mp4").check([])
 
 
 def test_errors_by_hand() -> None:

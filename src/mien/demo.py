@@ -15,7 +15,7 @@ from mien.errors import require
 from mien.files import require_writable, whole_file
 from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
-from mien.output.overlay import OverlayWriter, is_overlay
+from mien.output.overlay import OverlayWriter, comment_of
 from mien.output.track import Track
 from mien.output.track_files import track_paths
 from mien.pipeline.track import track
@@ -27,6 +27,8 @@ NOISE_SD = 2.0
 
 VIDEO, TRUTH, LANDMARKS = "video.mp4", "truth.npz", "landmarks.json"
 TABLE, OVERLAY, PLOT, HEAD = "track.csv", "overlay.mp4", "plot.png", "head.glb"
+_COMMENT = "made by mien demo"
+"""What the video states of itself: that it may be replaced, and that it is no overlay."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def _require_own(out: Path) -> None:
     first that it writes."""
     taken = next((path for path in _paths(out) if path.exists()), None)
     require(
-        taken is None or is_overlay(out / VIDEO),
+        taken is None or comment_of(out / VIDEO) == _COMMENT,
         f"{taken} exists and is not of mien demo; choose another folder with --out, or move it away",
     )
 
@@ -105,7 +107,7 @@ def demo_states(face: Portrait, n: int) -> Array:
 
 def write_sequence(out: Path, face: Portrait, sequence: SyntheticSequence) -> None:
     """Write the frames as a video, the ground truth, and the landmarks of the first frame."""
-    with OverlayWriter(out / VIDEO) as video:
+    with OverlayWriter(out / VIDEO, comment=_COMMENT) as video:
         for frame in sequence.frames:
             video.write(frame.pixels, frame.time)
     write_landmarks(out / LANDMARKS, face.landmarks)

@@ -124,15 +124,16 @@ class OverlayWriter:
     larger than the encoder allows is scaled down.
     """
 
-    def __init__(self, path: Path, begins: float | None = None) -> None:
-        """begins: time in seconds at which the video begins, by default that of the first image."""
+    def __init__(self, path: Path, begins: float | None = None, comment: str = _COMMENT) -> None:
+        """begins: time in seconds at which the video begins, by default that of the first image; comment: what the file
+        states of itself, by default that it is an overlay."""
         self.path = path
         self._last_pts, self._begins = -1, begins
         with _named_errors(self.path):
             self._temporary = create_temporary(path)
             try:
                 self._container = av.open(str(self._temporary), "w", format="mp4")
-                self._container.metadata["comment"] = _COMMENT
+                self._container.metadata["comment"] = comment
                 self._stream = self._container.add_stream("libx264", options={"crf": "18", "preset": "veryfast"})
             except BaseException:
                 self._temporary.unlink()
@@ -177,12 +178,18 @@ class OverlayWriter:
 
 
 def is_overlay(path: Path) -> bool:
-    """Whether a video was written by `OverlayWriter`."""
+    """Whether a file states that it is an overlay of mien."""
+    return comment_of(path) == _COMMENT
+
+
+def comment_of(path: Path) -> str | None:
+    """What a video states of itself; None if it states nothing, or is no video."""
     try:
         with av.open(str(path.absolute())) as container:
-            return bool(container.metadata.get("comment") == _COMMENT)
+            comment: str | None = container.metadata.get("comment")
+            return comment
     except (av.FFmpegError, OSError, ValueError):
-        return False
+        return None
 
 
 @contextmanager
