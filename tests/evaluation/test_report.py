@@ -115,6 +115,27 @@ def test_lost_frames_stand_beside_the_errors(tmp_path: Path) -> None:
     assert (row["uniform"], row["lost frames"]) == ("0.00", "5 of 6")
 
 
+def test_a_face_that_has_left_is_not_lost(tmp_path: Path) -> None:
+    """Without truth in the last two frames, and no face given in the last three: one of four is lost."""
+    (sequence,) = load_dataset("rendered", tiny.rendered(tmp_path / "data"))
+    until = np.array([FACING] * 3 + [np.full((3, 3), np.nan)] * 3)
+    whole = run_sequence(Known(until), sequence, FIRST, "honest", "rendered")
+    assert whole.truth is not None
+    assert whole.truth.rotations is not None
+    left = np.arange(FRAMES)[:, None, None] >= 4
+    poses = Truth(FRAMES, rotations=np.where(left, np.nan, whole.truth.rotations))
+    points = Truth(FRAMES, landmarks=np.where(left, np.nan, whole.truth.landmarks))
+    _write(tmp_path, replace(whole, truth=poses))
+    _write(tmp_path, replace(whole, sequence="points", truth=points))
+    Evaluation(
+        "rendered", "rebased", "truth", 2.0, ("honest",), ("a_uniform1", "points"), ("uniform", "uniform"), ""
+    ).save(tmp_path)
+    scores = load_scores(tmp_path)
+    for table in (tables.by_kind(scores), tables.angles_by_kind(scores)):
+        assert _rows(table)[0]["lost frames"] == "1 of 4"
+    assert [(row["frames"], row["lost"]) for row in _rows(tables.sequences(scores))] == [("4", "1"), ("4", "1")]
+
+
 def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
     scores = load_scores(out)
     points = {(r["tracker"], r["kind"]): r for r in _rows(tables.landmarks(scores))}

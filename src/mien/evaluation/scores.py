@@ -56,12 +56,14 @@ class Score:
 
     @property
     def frames(self) -> int:
-        return 0 if self.result.track is None else self.result.track.frames
+        """Number of frames that have truth."""
+        return 0 if self.result.truth is None else int(self.result.truth.known.sum())
 
     @property
     def lost(self) -> int:
-        """Frames in which the tracker gave no face."""
-        return 0 if self.result.track is None else int(self.result.track.lost.sum())
+        """Number of those in which the tracker gave no face; where there is no truth, there may be none."""
+        track, truth = self.result.track, self.result.truth
+        return 0 if track is None or truth is None else int((track.lost & truth.known).sum())
 
     @property
     def counted(self) -> Mask:

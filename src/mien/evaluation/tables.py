@@ -113,7 +113,8 @@ def by_kind(scores: Scores) -> Table:
     return Table(
         "kinds",
         "Rotation error by kind of sequence",
-        "Mean of the mean absolute errors of tilt, pan and roll, degrees.",
+        "Mean of the mean absolute errors of tilt, pan and roll, degrees. Lost frames are counted among those with "
+        "truth.",
         ("tracker", *scores.kinds, "lost frames", "sequences"),
         tuple(rows),
     )
@@ -132,9 +133,9 @@ def angles_by_kind(scores: Scores) -> Table:
     return Table(
         "angles",
         "Errors of each angle",
-        "A lost frame is one in which the tracker gave no face. No tracker can know the axes of a head exactly: "
-        "`axes aligned` is the mean after aligning the head axes of each sequence to the true ones as well as its "
-        "rotations allow.",
+        "A lost frame is one with truth in which the tracker gave no face. No tracker can know the axes of a head "
+        "exactly: `axes aligned` is the mean after aligning the head axes of each sequence to the true ones as well as "
+        "its rotations allow.",
         ("tracker", "kind", "sequences", "lost frames", "P_s (%)", *angles),
         tuple(rows),
     )
@@ -269,7 +270,7 @@ def sequences(scores: Scores) -> Table:
     return Table(
         "sequences",
         "Every sequence",
-        "Errors are in degrees, the RMS of the twelve points in pixels.",
+        "Frames are those with truth. Errors are in degrees, the RMS of the twelve points in pixels.",
         ("tracker", "sequence", "kind", "frames", "lost", "tilt", "pan", "roll", "mean", "RMS"),
         tuple(rows),
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mien.arrays import Array
+from mien.arrays import Array, Mask
 from mien.errors import require
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import SCHEMES, Landmarks
@@ -34,6 +34,16 @@ class Truth:
     @property
     def has_pose(self) -> bool:
         return self.rotations is not None or self.angles_deg is not None
+
+    @property
+    def known(self) -> Mask:
+        """(n,) frames that have truth: a pose, or without poses a landmark, or without either any frame."""
+        for values in (self.rotations, self.angles_deg):
+            if values is not None:
+                return np.asarray(np.isfinite(values).reshape(self.frames, -1).all(axis=1))
+        if self.landmarks is not None:
+            return np.asarray(np.isfinite(self.landmarks).reshape(self.frames, -1).any(axis=1))
+        return np.ones(self.frames, dtype=bool)
 
     def first_landmarks(self, source: str) -> Landmarks:
         """The annotation of frame 0. Raises MienError if there is none."""
