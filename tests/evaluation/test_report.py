@@ -50,10 +50,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
         _write(out, run_sequence(Known(off), sequence, FIRST, "good", "rendered", {"code": "1"}))
         _write(out, run_sequence(Shifted(), sequence, FIRST, "shifted", "rendered"))
     _write(out, SequenceResult("bad", "rendered", "a_uniform1", "uniform", failure="it rained"))
-    Timing("good", "a_uniform1", (0.1, 0.3), 0.5, 99.0, "1", {"code": "1"}).save(timing_path(out, "good", "a_uniform1"))
-    Timing("shifted", "a_uniform1", (0.1, 0.3), 0.5, 99.0, "1", {"code": "old"}).save(
-        timing_path(out, "shifted", "a_uniform1")
-    )
+    for tracker, code in (("good", "1"), ("shifted", "old")):
+        timing = Timing(tracker, "a_uniform1", (0.1, 0.3), 0.5, 99.0, 1.96, {"code": code})
+        timing.save(timing_path(out, tracker, "a_uniform1"))
     Evaluation(
         "rendered", "rebased", "truth", 2.0, ("good", "shifted", "bad"), names, ("uniform", "wide"), "mien evaluate"
     ).save(out)
@@ -145,6 +144,7 @@ def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
     assert _rows(tables.jitter(scores))[0]["uniform"] == f"{np.sqrt(3) / 4:.3f}"
     (cost,) = _rows(tables.cost(scores))  # that of `shifted` was made by other code
     assert (cost["tracker"], cost["frames/s"], cost["median (ms)"]) == ("good", "5.0", "200.00")
+    assert cost["cores busy"] == "2.0"
     failed = _rows(tables.failures(scores))
     assert [(r["tracker"], r["sequence"], r["reason"]) for r in failed] == [
         ("bad", "a_uniform1", "it rained"),

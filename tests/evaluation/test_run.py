@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -236,3 +237,25 @@ def test_timing(sequence: Sequence, tmp_path: Path) -> None:
     assert Timing.load(tmp_path / "t.json") == timing
     fast = replace(timing, frame_seconds=(0.1, 0.3))
     assert fast.frames_per_second == pytest.approx(5)
+
+
+def test_the_cores_that_are_busy_are_those_of_all_threads(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the frames after the first: here 1.5 seconds of the processors in each second."""
+    clock = {"elapsed": 0.0, "processor": 0.0}
+
+    class Works(Still):
+        def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+            clock["elapsed"] += 4
+            clock["processor"] += 4
+            return super().initialize(frame, landmarks, camera)
+
+        def track(self, frame: Frame) -> Estimate:
+            clock["elapsed"] += 2
+            clock["processor"] += 3
+            return super().track(frame)
+
+    clocks = {"perf_counter": lambda: clock["elapsed"], "process_time": lambda: clock["processor"]}
+    monkeypatch.setattr("mien.evaluation.run.time", SimpleNamespace(**clocks))
+    timing = time_sequence(Works, sequence, FIRST)
+    assert (timing.training_seconds, timing.frame_seconds) == (4, (2,) * (FRAMES - 1))
+    assert timing.busy_cores == 1.5

@@ -30,7 +30,7 @@ DEFAULT_TIME_LIMIT = 1800.0
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """With one thread, parallel processes do not compete for cores, sums are always in the same order, and speeds are those
-of one core. MediaPipe ignores this and starts its own threads."""
+of one core. MediaPipe ignores this and starts its own threads: `Timing.busy_cores` tells what they use."""
 
 NOT_USED = (
     "evaluation", "output", "pipeline", "start", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py",

@@ -128,8 +128,8 @@ class Timing:
     """The cost of one tracker on one sequence, from a separate run.
 
     frame_seconds: duration of `track` for each frame after the first, without decoding; training_seconds: duration of
-    `initialize`; peak_mb: peak resident memory of the process, including interpreter and libraries; threads: number
-    available.
+    `initialize`; peak_mb: peak resident memory of the process, including interpreter and libraries; busy_cores:
+    processor time of all threads of the process during these frames, over their duration.
     """
 
     tracker: str
@@ -137,7 +137,7 @@ class Timing:
     frame_seconds: tuple[float, ...]
     training_seconds: float
     peak_mb: float
-    threads: str
+    busy_cores: float
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -91,13 +90,14 @@ def time_sequence(
     """
     for _ in _estimates(make_tracker(), sequence, landmarks, frames=1 + WARM_UP_FRAMES):
         pass
-    seconds: list[float] = []
-    for _ in _estimates(make_tracker(), sequence, landmarks, MAXIMUM_TIMED_FRAMES, seconds):
+    spent: list[tuple[float, float]] = []
+    for _ in _estimates(make_tracker(), sequence, landmarks, MAXIMUM_TIMED_FRAMES, spent):
         pass
-    require(len(seconds) > 1, f"{sequence.video} has only one frame; there is nothing to time")
-    return Timing(
-        name, sequence.name, tuple(seconds[1:]), seconds[0], peak_memory_mb(), threads(), dict(settings or {})
-    )
+    require(len(spent) > 1, f"{sequence.video} has only one frame; there is nothing to time")
+    (training, _), *frames = spent
+    seconds, processor_seconds = zip(*frames, strict=True)
+    busy = sum(processor_seconds) / sum(seconds)
+    return Timing(name, sequence.name, seconds, training, peak_memory_mb(), busy, dict(settings or {}))
 
 
 def count_frames(video: Path) -> int:
@@ -122,29 +122,26 @@ def peak_memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
-def threads() -> str:
-    """Number of threads that the numerical libraries of this process may use."""
-    return os.environ.get("OMP_NUM_THREADS") or f"all of {os.cpu_count()}"
-
-
 def _estimates(
     tracker: Tracker,
     sequence: Sequence,
     landmarks: Landmarks,
     frames: int | None = None,
-    seconds: list[float] | None = None,
+    spent: list[tuple[float, float]] | None = None,
 ) -> Iterator[tuple[Frame, Estimate]]:
+    """Each frame with its estimate; spent: gets the seconds of each call, and those of the processors in all threads of
+    this process meanwhile."""
     for frame in islice(open_video(sequence.video), frames):
         _ = frame.pixels  # decode before timing
         with called(tracker):
-            start = time.perf_counter()
+            start, processor_start = time.perf_counter(), time.process_time()
             if frame.index == 0:
                 camera = sequence.camera_for(frame.width, frame.height)
                 estimate = tracker.initialize(frame, landmarks, camera)
             else:
                 estimate = tracker.track(frame)
-            if seconds is not None:
-                seconds.append(time.perf_counter() - start)
+            if spent is not None:
+                spent.append((time.perf_counter() - start, time.process_time() - processor_start))
         yield frame, checked(estimate, tracker, frame)
 
 

@@ -236,13 +236,15 @@ def cost(scores: Scores) -> Table:
     for t in scores.timings:
         ms = 1000 * np.array(t.frame_seconds)
         cells = [f"{t.frames_per_second:.1f}", f"{np.median(ms):.2f}", f"{np.percentile(ms, 99):.2f}"]
-        rows.append((t.tracker, t.sequence, *cells, f"{t.training_seconds:.2f}", f"{t.peak_mb:.0f}", t.threads))
+        cells += [f"{t.training_seconds:.2f}", f"{t.peak_mb:.0f}", f"{t.busy_cores:.1f}"]
+        rows.append((t.tracker, t.sequence, *cells))
     return Table(
         "cost",
         "Cost",
         "Without decoding, after a warm-up, with nothing else of this evaluation running. Training is the first "
         "frame. "
-        "Memory is the peak of the whole process, including interpreter and libraries.",
+        "Memory is the peak of the whole process, including interpreter and libraries. "
+        "`cores busy` is the processor time of all its threads over the time that the other frames took.",
         (
             "tracker",
             "sequence",
@@ -251,7 +253,7 @@ def cost(scores: Scores) -> Table:
             "99th percentile (ms)",
             "training (s)",
             "memory (MB)",
-            "threads",
+            "cores busy",
         ),
         tuple(rows),
     )
