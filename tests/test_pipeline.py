@@ -26,6 +26,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
 from mien.graphics import Graphics
 from mien.initialization.landmarks import Landmarks, Point
+from mien.output.destination import Destination
 from mien.pipeline import passes, run
 from mien.pipeline import track as pipeline
 from mien.start import first_frame
@@ -568,6 +569,16 @@ def test_a_further_face_of_an_earlier_run_is_warned_of(tracker: StillTracker, fo
     (tmp_path / "out.face1.csv").write_text("")
     with pytest.warns(MienWarning, match=r"out\.face1\.csv is left from an earlier run; this one has 1 face$"):
         mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
+
+
+def test_all_further_faces_of_an_earlier_run_are_named(tmp_path: Path) -> None:
+    """In the order of their numbers, also where one between has been removed; not those of another table."""
+    for name in ("out.face1", "out.face2", "out.face10", "out.face4", "about.face5", "out.face3.face6"):
+        (tmp_path / f"{name}.csv").touch()
+    with pytest.warns(MienWarning) as told:
+        Destination(tmp_path / "out.csv").warn_if_stale(2)
+    left = ", ".join(str(tmp_path / f"out.face{k}.csv") for k in (2, 4, 10))
+    assert [str(one.message) for one in told] == [f"{left} are left from an earlier run; this one has 2 faces"]
 
 
 def test_outputs_never_replace_inputs_or_each_other(tracker: StillTracker, tmp_path: Path) -> None:

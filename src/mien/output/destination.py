@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from glob import escape
 from pathlib import Path
 
 from mien.errors import require, warn
-from mien.files import exists, real_path, require_ending, require_writable, size_of
+from mien.files import real_path, require_ending, require_writable, size_of
 from mien.output.track import Track
 from mien.output.track_files import GLTF_ENDINGS, PLOT_ENDINGS, is_table_of_track, track_paths
 from mien.video import refuse_among_images
@@ -72,10 +74,10 @@ class Destination:
         return tables + [p for p in (self.overlay, self.plot, self.gltf) if p is not None]
 
     def warn_if_stale(self, faces: int) -> None:
-        """Warn if an earlier run with more than this number of faces has left a table."""
-        stale = self.of_face(faces).table
-        if stale is not None and exists(stale):
-            warn(f"{stale} is left from an earlier run; this one has {faces} face{'s' if faces > 1 else ''}")
+        """Warn if an earlier run with more than this number of faces has left tables, naming them all."""
+        if stale := [] if self.table is None else _tables_of_faces(self.table, faces):
+            left = f"{', '.join(map(str, stale))} {'is' if len(stale) == 1 else 'are'} left from an earlier run"
+            warn(f"{left}; this one has {faces} face{'s' if faces > 1 else ''}")
 
     def write(self, track: Track) -> None:
         """Write the table, of which NAME.json names the pictures, the plot and the head; the overlay is written
@@ -106,6 +108,14 @@ def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
             refuse_among_images(path, file)
         taken.add(real_path(path))
         require_writable(path)
+
+
+def _tables_of_faces(table: Path, first: int) -> list[Path]:
+    """The tables that there are of further faces, from this one on; see `Destination.of_face`."""
+    of_face = re.compile(rf"{re.escape(table.stem)}\.face([0-9]+){re.escape(table.suffix)}")
+    found = ((of_face.fullmatch(path.name), path) for path in table.parent.glob(f"{escape(table.stem)}.face*"))
+    each = {int(match[1]): path for match, path in found if match}
+    return [each[face_id] for face_id in sorted(each) if face_id >= first]
 
 
 def _require_own(table: Path) -> None:
