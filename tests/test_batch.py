@@ -575,7 +575,7 @@ def test_what_was_noted_outlives_a_run_that_is_killed(videos: Path, code: dict[s
 
     def look(done: int, total: int, name: str) -> None:
         if done == 1:  # what a run that is killed now leaves behind
-            shutil.copytree(out, left)
+            shutil.copytree(out, left, ignore=shutil.ignore_patterns("*.lock"))  # this process lives
 
     track_all([videos], out, jobs=1, progress=look)
     assert [(row["state"], row["note"]) for row in _summary(left)][:1] == [("tracked", "the face is turned")]
@@ -590,7 +590,7 @@ def test_a_video_that_outlives_a_run_that_is_killed_says_that_nothing_was_noted(
 
     def look(done: int, total: int, name: str) -> None:
         if done == 0:  # what a run leaves behind that is killed now
-            shutil.copytree(out, left)
+            shutil.copytree(out, left, ignore=shutil.ignore_patterns("*.lock"))  # this process lives
 
     track_all([videos], out, jobs=1, progress=look)
     for ending in ENDINGS:
@@ -654,6 +654,22 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
     for pid in running:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_two_runs_do_not_write_into_one_folder(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    """The second is refused, and leaves what the first has written."""
+    out, noted = tmp_path / "out", list[bytes]()
+
+    def meanwhile(done: int, total: int, name: str) -> None:
+        noted.append((out / "summary.csv").read_bytes())
+        with pytest.raises(MienError, match="out is in use by another mien batch"):
+            track_all([videos / "a.mp4"], out)
+        assert (out / "summary.csv").read_bytes() == noted[-1]
+
+    track_all([videos], out, jobs=1, progress=meanwhile)
+    assert len(noted) == 4
+    assert _states(track_all([videos], out)) == ["kept"] * 3
+    assert not list(out.glob(".*"))
 
 
 def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

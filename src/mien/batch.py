@@ -17,6 +17,7 @@ from mien._version import __version__
 from mien.errors import MienError, require, warn
 from mien.files import checksum, exists, real_path, reason_of, require_writable, size_of
 from mien.output.destination import OVERLAY_ENDINGS, Destination
+from mien.output.sole_use import sole_use
 from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
 from mien.output.track import Track
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
@@ -101,15 +102,28 @@ def track_all(
     is finished.
 
     jobs: number of videos at a time, by default one per processor; forked: whether processes may be forked, which start
-    sooner but import the main module again. Raises MienError if there is nothing to track, or the tables cannot be
-    written; a video that cannot be tracked becomes a row in the state `failed`.
+    sooner but import the main module again. Raises MienError if there is nothing to track, the tables cannot be
+    written, or another run writes into this folder; a video that cannot be tracked becomes a row in the state `failed`.
     """
     options = options or BatchOptions()
     create_tracker(options.preset)  # report wrong options once, now, and not for every video
     check_options(options)
-    summary = Summary.read(out / SUMMARY)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
-    require_writable(summary.path)
+    require_writable(out / SUMMARY)
+    with sole_use(out):
+        return _track_found(found, Summary.read(out / SUMMARY), options, jobs, progress, forked)
+
+
+def _track_found(
+    found: list[list[Row]],
+    summary: Summary,
+    options: BatchOptions,
+    jobs: int | None,
+    progress: Progress,
+    forked: bool,
+) -> list[Row]:
+    """Track the videos that are found, as `track_all`; found: a list of one row for each, which get those of all its
+    faces."""
     waiting = []
     for k, (row,) in enumerate(found):
         kept = None if options.again else _kept_rows(replace(row, note=summary.note_of(row)), options)
