@@ -149,6 +149,46 @@ def test_no_table_takes_the_place_of_another(tmp_path: Path) -> None:
     assert tables == {"pair.csv", "pair.face1.mp4.csv", "alone.face1.csv", "summary.mp4.csv", "sub/summary.csv"}
 
 
+@pytest.mark.parametrize(
+    ("named", "expected"),
+    [
+        (["s1/a.mp4", "s2/a.mp4"], ["s1/a.csv", "s2/a.csv"]),
+        (["s1", "s2"], ["s1/a.csv", "b.csv", "s2/a.csv"]),
+        (["s2/a.mp4", "a.mp4", "s1/b.mp4"], ["s2/a.csv", "a.csv", "b.csv"]),
+        (["s1/x/a.mp4", "s2/x/a.mp4"], ["s1/x/a.csv", "s2/x/a.csv"]),
+        ([".", "s1/x/a.mp4"], ["a.csv", "s1/a.csv", "s1/b.csv", "s1/x/a.csv", "s2/a.csv", "s2/x/a.csv"]),
+        (["s1/x/a.mp4", "s1/a.mp4", "s1/b.mp4"], ["x/a.csv", "a.csv", "b.csv"]),
+        (["s1/b.mp4", "s2/a.mp4"], ["b.csv", "a.csv"]),
+        (["s1/frames", "s2/frames", "s1/a.mp4"], ["s1/frames.csv", "s2/frames.csv", "a.csv"]),
+        (["s1/x", "s1/frames"], ["a.csv", "frames.csv"]),
+    ],
+)
+def test_videos_of_one_name_have_tables_in_the_folders_in_which_they_differ(
+    named: list[str], expected: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if the folder that holds them were named; others have theirs where they always are."""
+    folder, out = tmp_path / "in", tmp_path / "out"
+    videos = ("a.mp4", "s1/a.mp4", "s1/b.mp4", "s1/x/a.mp4", "s2/a.mp4", "s2/x/a.mp4")
+    for name in (*videos, "s1/frames/1.png", "s2/frames/1.png"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+    if named == ["s1", "s2"]:
+        shutil.rmtree(folder / "s1" / "x")
+        shutil.rmtree(folder / "s2" / "x")
+    monkeypatch.chdir(folder)
+    for paths in ([Path(name) for name in named], [folder / name for name in named]):
+        assert [table.relative_to(out).as_posix() for _, table in find_videos(paths, out)] == expected
+
+
+def test_a_table_in_the_place_of_another_goes_further_apart(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("all", "s1/a.mp4", "s2/a.mp4")]
+    for name in ("all/s1/a.mp4", "s1/a.mp4", "s2/a.mp4"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_bytes(b"")
+    tables = [table.relative_to(tmp_path / "out").as_posix() for _, table in find_videos(paths, tmp_path / "out")]
+    assert tables == ["all/s1/a.csv", "s1/a.csv", "s2/a.csv"]
+
+
 def test_a_folder_of_images_that_is_named_is_a_video(code: dict[str, str], tmp_path: Path) -> None:
     """Beside videos, and deeper down, images are no video: plots are images too."""
     folder, out = tmp_path / "take.1", tmp_path / "out"
@@ -208,13 +248,14 @@ def test_a_pipe_is_no_video(tmp_path: Path) -> None:
 
 def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "a.mp4").write_bytes(b"")
+    (tmp_path / "odd").mkdir()
+    for name in ("a.avi", "a.mp4", "a.mp4.mkv"):
+        (tmp_path / "odd" / name).write_bytes(b"")
     for paths, out, message in (
         ([tmp_path / "none"], tmp_path / "out", "none: no such file or folder"),
         ([tmp_path / "empty"], tmp_path / "out", "no video found; mien looks for .*.avi"),
         ([videos], videos, "holds the videos; choose another folder"),
-        ([videos, tmp_path / "other"], tmp_path / "out", "would share the table"),
+        ([tmp_path / "odd"], tmp_path / "out", r"a.mp4 and .*a.mp4.mkv would share the table .*a.mp4.csv; rename one"),
     ):
         with pytest.raises(MienError, match=message):
             find_videos(paths, out)

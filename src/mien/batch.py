@@ -158,27 +158,54 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     """All videos among the paths and in the folders among them, each with the path of its table below `out`.
 
     The table's name includes the suffix of the video if another video in its folder has the same stem, or if the table
-    would otherwise be named like that of another video's further face, or like the summary.
+    would otherwise be named like that of another video's further face, or like the summary. Videos that would share a
+    table have theirs in the folders in which they differ. Raises MienError where they differ in none.
     """
     each: dict[Path, tuple[Path, Path]] = {}
     named = {real_path(path) for path in paths}
     for video, place in chain.from_iterable(_videos_of(path, out, named) for path in paths):
         each.setdefault(real_path(video), (video, place))
-    found = list(each.values())
-    require(bool(found), f"{', '.join(map(str, paths))}: no video found; mien looks for {', '.join(VIDEO_SUFFIXES)}")
-    alike = Counter(place.with_suffix("") for _, place in found)
-    tables: dict[Path, Path] = {}
-    for video, place in found:
+    places = dict(each.values())
+    require(bool(places), f"{', '.join(map(str, paths))}: no video found; mien looks for {', '.join(VIDEO_SUFFIXES)}")
+    while alike := _of_one_table(tables := _tables(places)):
+        apart = places | _places_apart(alike, places)
+        require(
+            apart != places,
+            f"{alike[0]} and {alike[1]} would share the table {out / tables[alike[0]]}; rename one of them, or track "
+            "one folder at a time",
+        )
+        places = apart
+    return [(video, out / table) for video, table in tables.items()]
+
+
+def _tables(places: Mapping[Path, Path]) -> dict[Path, Path]:
+    """The table of each video with this place, relative like that."""
+    alike = Counter(place.with_suffix("") for place in places.values())
+    tables = {}
+    for video, place in places.items():
         stem = place.with_suffix("")
         of_another = _FACE.search(stem.name) and stem.with_name(_FACE.sub("", stem.name)) in alike
         taken = alike[stem] > 1 or of_another or place.with_suffix(".csv") == Path(SUMMARY)
-        table = out / (f"{place}.csv" if taken else place.with_suffix(".csv"))
-        other = tables.setdefault(table, video)
-        require(
-            other == video,
-            f"{other} and {video} would share the table {table}; rename one of them, or track one folder at a time",
-        )
-    return [(video, table) for table, video in tables.items()]
+        tables[video] = Path(f"{place}.csv") if taken else place.with_suffix(".csv")
+    return tables
+
+
+def _of_one_table(tables: Mapping[Path, Path]) -> list[Path]:
+    """All videos that have one table, the first that several have; none if each has its own."""
+    counts = Counter(tables.values())
+    shared = next((table for table, count in counts.items() if count > 1), None)
+    return [video for video, table in tables.items() if table == shared]
+
+
+def _places_apart(videos: Sequence[Path], places: Mapping[Path, Path]) -> dict[Path, Path]:
+    """The places of these videos from the deepest folder in which they all are, where that is a longer path."""
+    folders = [os.path.dirname(os.path.abspath(video)) for video in videos]
+    with suppress(ValueError):  # they are on several drives of Windows
+        common = os.path.commonpath(folders)
+        below = [Path(os.path.relpath(folder, common)) for folder in folders]
+        apart = {video: folder / places[video].name for video, folder in zip(videos, below, strict=True)}
+        return {video: place for video, place in apart.items() if len(place.parts) > len(places[video].parts)}
+    return {}
 
 
 def _videos_of(path: Path, out: Path, named: Container[Path]) -> Iterator[tuple[Path, Path]]:
