@@ -27,6 +27,7 @@ from mien._version import __version__
 from mien.errors import MienError, MienWarning, interruption
 
 if TYPE_CHECKING:
+    from mien.evaluation.scores import Scores
     from mien.tracking.state import Estimate
 
 # Read when NumPy is first imported. Tracking multiplies thousands of small matrices, for which BLAS threads cost more
@@ -316,23 +317,29 @@ def evaluate(
 ) -> None:
     """Run trackers on a data set, continue where an earlier run stopped, and write the report."""
     from mien.evaluation import commands
+    from mien.processes import progress_bar
 
     limits = {"lost_deg": lost, "time_limit": time_limit}
-    commands.evaluate(
-        dataset,
-        path,
-        out,
-        trackers=(trackers,),
-        protocol=protocol,
-        jobs=jobs,
-        first_landmarks=landmarks,
-        focal_px=focal,
-        sequences=(sequences,) if sequences else (),
-        timed=timed,
-        quiet=quiet,
-        forked=True,
-        **{name: value for name, value in limits.items() if value is not None},
-    )
+    with progress_bar("reading the data set", quiet) as progress:
+        scores, written = commands.evaluate(
+            dataset,
+            path,
+            out,
+            trackers=(trackers,),
+            protocol=protocol,
+            jobs=jobs,
+            first_landmarks=landmarks,
+            focal_px=focal,
+            sequences=(sequences,) if sequences else (),
+            timed=timed,
+            progress=progress,
+            forked=True,
+            **{name: value for name, value in limits.items() if value is not None},
+        )
+    if not quiet:
+        _print_scores(scores)
+        _print_written([written])
+    commands.require_a_result(scores)
 
 
 @app.command()
@@ -344,7 +351,7 @@ def report(
     """Write the tables of an evaluation again, without running anything."""
     from mien.evaluation import commands
 
-    commands.report(directory, form, protocol)
+    _print_written([commands.report(directory, form, protocol)])
 
 
 def _stem(video: str) -> str:
@@ -366,6 +373,26 @@ def _output_path(output: str | None, name: str) -> Path:
 def _print_written(paths: list[Path]) -> None:
     for path in paths:
         typer.echo(f"wrote {path}")
+
+
+def _print_scores(scores: Scores) -> None:
+    """The tables of an evaluation that say most."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Column, Table
+
+    from mien.evaluation.tables import by_kind, failures, landmarks
+
+    console = Console()
+    for table in (by_kind(scores), landmarks(scores), failures(scores)):
+        if table.rows:
+            # Truncated names with the same beginning would be indistinguishable.
+            columns = [Column(name, overflow="fold") for name in table.columns]
+            shown = Table(*columns, title=table.title, title_justify="left")
+            for row in table.rows:
+                shown.add_row(*map(escape, row))
+            console.print(shown)
+    console.print(f"protocol: {scores.protocol.value}", highlight=False)
 
 
 def _print_error(sentence: str) -> None:

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from evaluation import tiny
 from mien.cli import app
+from mien.evaluation import commands
 from mien.evaluation.commands import _tracker_names
 
 
@@ -90,6 +91,17 @@ def test_bad_input_is_one_sentence_and_status_2(tmp_path: Path) -> None:
         assert status == 2, (arguments, printed)
         assert sentence in printed
         assert len(printed.splitlines()) == 1
+
+
+def test_from_python_nothing_is_printed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Scores and the path of the report are returned instead; a failure is a score with its reason."""
+    data, out = tiny.rendered(tmp_path / "data"), tmp_path / "out"
+    names = ("evaluation.tiny:Still,evaluation.tiny:Raises",)
+    scores, written = commands.evaluate("rendered", data, out, trackers=names, first_landmarks="truth", timed=0)
+    assert written == out / "report.html"
+    assert [bool(score.failure) for score in scores.scores] == [False, True]
+    assert commands.report(out) == out / "report.md"
+    assert capfd.readouterr() == ("", "")
 
 
 def test_where_nothing_could_be_done_the_reason_is_given(tmp_path: Path) -> None:
