@@ -69,7 +69,7 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
     ]
     metadata = {
         "mien": __version__, "complete": True, "preset": "realtime", "passes": 1, "asked": ASKED,
-        "video": {"bytes": 0, "sha256": sha256(b"").hexdigest()},
+        "video": {"bytes": 0, "sha256": sha256(b"").hexdigest(), "width": 320, "height": 240},
     }  # fmt: skip
     Track.from_estimates(estimates, metadata).save(tmp_path / "done.csv")
     said: dict[str, str] = {}
@@ -93,7 +93,7 @@ def _done_with(folder: Path, options: BatchOptions) -> None:
     """Let the track that is copied come from these options."""
     done = Track.read(folder / "done.csv")
     asked = requested_options(options, options.at_once)
-    metadata = {**done.metadata, "preset": options.preset, "asked": asked, **options.contents}
+    metadata = {**done.metadata, "preset": options.preset, "asked": asked, **options._contents(done.metadata["video"])}
     Track(done.table, metadata).save(folder / "done.csv")
 
 
@@ -497,6 +497,7 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
             BatchOptions(preset="realtime:own.json"),
         ),
         ("camera.json", CAMERA, CAMERA.replace("500", "600"), BatchOptions(camera=Path("camera.json"))),
+        ("camera.json", '{"focal_px": 500}', '{"focal_px": 600}', BatchOptions(camera=Path("camera.json"))),
     ],
 )
 def test_what_the_files_of_settings_and_camera_say_counts_and_not_when_they_were_written(

@@ -12,9 +12,10 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 from mien._version import __version__
-from mien.errors import MienError, require, warn
+from mien.errors import MienError, MienWarning, require, warn
 from mien.files import checksum, exists, real_path, reason_of, require_writable, size_of
 from mien.output.destination import OVERLAY_ENDINGS, Destination
 from mien.output.sole_use import sole_use
@@ -62,7 +63,7 @@ class BatchOptions:
         """Whether the track with this NAME.json is complete, from the same options and this version of mien, and has
         the pictures of this table that are wanted."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
-        wanted |= {"asked": requested_options(self, self.at_once), **self.contents}
+        wanted |= {"asked": requested_options(self, self.at_once), **self._contents(metadata.get("video", {}))}
         overlay, plot = _pictures(table)
         wanted |= {"overlay": overlay.name} if self.overlay else {}
         wanted |= {"plot": plot.name} if self.plot else {}
@@ -74,17 +75,25 @@ class BatchOptions:
         files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
         return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
 
+    def _contents(self, video: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings of the tracker and the camera that are given by files, as the NAME.json of a video has them, of
+        which `video` is the part with the size of its images."""
+        known = {"settings": self._settings} if self._settings else {}
+        if self.camera is not None:
+            size = (video["width"], video["height"]) if {"width", "height"} <= video.keys() else None
+            with catch_warnings():
+                simplefilter("ignore", MienWarning)  # of images of another size, as tracking has told
+                known["camera"] = asdict(read_camera(self.camera, size))
+        return known
+
     @cached_property
-    def contents(self) -> dict[str, Any]:
-        """The settings of the tracker and the camera that are given by files, as NAME.json has them."""
-        settings = None if file_of(self.preset) is None else settings_of(create_tracker(self.preset))
-        camera = None if self.camera is None else asdict(read_camera(self.camera))
-        return {name: known for name, known in (("settings", settings), ("camera", camera)) if known}
+    def _settings(self) -> dict[str, Any] | None:
+        return None if file_of(self.preset) is None else settings_of(create_tracker(self.preset))
 
     @property
     def inputs(self) -> list[Path]:
         """The files that `mien track` reads in addition to each video, and whose contents NAME.json does not have."""
-        file = None if "settings" in self.contents else file_of(self.preset)
+        file = None if self._settings else file_of(self.preset)
         return [path for path in (file, code_of(self.preset)) if path is not None]
 
 
