@@ -74,7 +74,7 @@ class StillSearch:
         (x0, y0), (x1, y1) = self.low, self.high
         part = frame.gray_part(slice(y0, y1), slice(x0, x1))
         self.images.append(np.asarray(cv2.resize(part, self.size, interpolation=cv2.INTER_AREA), np.uint8))
-        self.points.append((look.points - self.low) * self.size / (self.high - self.low))
+        self.points.append((look.points - self.low + 0.5) * self.size / (self.high - self.low) - 0.5)
 
     def graphics(self) -> Graphics | None:
         """What covers the face and stands still; None if there is nothing, or if the face moves too little to tell."""

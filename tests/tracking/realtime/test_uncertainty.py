@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from warnings import catch_warnings, simplefilter
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 
 from mien.appearance.views import rotation
 from mien.arrays import Array
+from mien.errors import MienWarning
+from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, log, ray_rotation
 from mien.tracking.realtime import RealtimeTracker
@@ -25,6 +29,7 @@ from mien.tracking.realtime.uncertainty import (
     MISFIT_DISTANCE,
     NOISE_SCALE,
     RELIEF_SCALE,
+    SHARP,
     TRANSLATION_SCALE,
     TURNED_SCALE,
     UNIT_SCALE,
@@ -208,6 +213,33 @@ def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
     np.testing.assert_allclose(believed, [0, 0.45, 0.9], atol=0.01)
     assert confidence(1e-5 * np.eye(12), 0.1, grimace, 1.0) < 0.05  # hardly anything is seen
     assert confidence(1e-5 * np.eye(12), 1.0, FAMILIAR, 1.0) > 0.99
+
+
+def test_what_was_learned_out_of_focus_is_less_certain() -> None:
+    """Each frame's own error, with the inverse square of the sharpness; what the relief leaves open stays."""
+    R = rotation(0.1, 0.4, 0.0) @ FACING
+    sharp, soft = (
+        state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, replace(FIRST, sharpness=of), RELIEF_SD)
+        for of in (0.6, SHARP / 2)
+    )
+    still = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
+    np.testing.assert_array_equal(sharp, still)
+    np.testing.assert_allclose(soft - sharp, 15 * NOISE, atol=1e-15)
+
+
+def test_a_face_that_is_learned_out_of_focus_is_told_of() -> None:
+    first, *_, last = (
+        Frame(np.asarray(cv2.GaussianBlur(frame.pixels, (0, 0), 6), np.uint8), frame.index, frame.time)
+        for frame in small_motion().frames
+    )
+    tracker = RealtimeTracker()
+    with pytest.warns(MienWarning, match=r"the face is blurred or enlarged at 0\.00 s"):
+        tracker.initialize(first, face().landmarks, face().camera)
+    assert tracker.axes.first.sharpness < 0.4
+    assert tracker.track(last).covariance is not None
+    with catch_warnings():
+        simplefilter("error")
+        RealtimeTracker().initialize(small_motion().frames[0], face().landmarks, face().camera)
 
 
 @pytest.mark.parametrize("pan_deg", [-25.0, 0.0, 10.0])

@@ -44,10 +44,11 @@ class HeadAxes:
         shape: ShapePosterior,
         settings: AxesSettings,
         covered: float = 0.0,
+        sharpness: float = 1.0,
     ) -> None:
-        """pose: of the model in the first frame; covered: share of the landmarks that graphics cover there."""
+        """pose: of the model in the first frame; covered, sharpness: see `Reference`."""
         self.fit = fit
-        self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered)
+        self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered, sharpness)
         self.reported = pose.R
         self.share = np.array([settings.tilt_share, settings.pan_share])
         self.R_model_head = np.eye(3)

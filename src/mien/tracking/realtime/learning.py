@@ -12,7 +12,7 @@ import numpy as np
 from mien.appearance.crop import blurred
 from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
 from mien.appearance.eyes import close_eye, turn_eye
-from mien.appearance.noise import noise_image, noise_sd
+from mien.appearance.quality import noise_image, noise_sd
 from mien.appearance.regression import PoseRegression
 from mien.appearance.rendering import Texture, render, vertex_normals
 from mien.appearance.surface import Surface, face_surface, on_surface

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mien.appearance.crop import is_blank
+from mien.appearance.quality import sharpness
 from mien.arrays import Array
 from mien.candide.model import Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
@@ -50,6 +51,8 @@ _LIDS = np.array(
 """Rows (2, 2) of the landmarks on the upper and lower eyelids."""
 _NEAREST = 1.0
 """Least distance of a face in CANDIDE units, about 11 cm: turned, a part of it would be behind a nearer camera."""
+_BLURRED = 0.4
+"""`sharpness` of a face in the first frame below which it is blurred."""
 _FACE_RADIUS = 1.3
 """Radius in CANDIDE units around the face beyond which the surroundings begin."""
 
@@ -111,7 +114,7 @@ class RealtimeTracker:
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
-        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered)
+        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, self._sharpness(frame))
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
@@ -131,6 +134,17 @@ class RealtimeTracker:
                 "--landmarks learns it there"
             )
         return solution
+
+    def _sharpness(self, frame: Frame) -> float:
+        """`sharpness` of the face in the first frame; warns if it is blurred."""
+        blur = self.face.fine.descriptor.blur
+        found = sharpness(self.solver.view(self.face.fine, frame, self.pose).image, blur)
+        if found < _BLURRED:
+            warn(
+                f"the face is blurred or enlarged at {frame.time:.2f} s, where it is learned: what it does is less "
+                "certain, as the standard deviations say"
+            )
+        return found
 
     def _landmark_offsets(self, landmarks: Landmarks) -> Array:
         """Offsets (26, 3), in head axes and parallel to the image plane, from the model's landmarks to those given in

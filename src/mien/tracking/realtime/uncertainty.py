@@ -44,6 +44,9 @@ factor of how far the cosine of the turn is below that of 50 degrees. Fitted to 
 GRAPHICS_SCALE = 0.35
 """The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
 are covered there. Fitted to rendered heads behind graphics."""
+SHARP = 0.5
+"""`quality.sharpness` of the first frame's face below which the standard deviations of a frame's own error grow, with
+its inverse square: found on rendered and modelled heads that were blurred by up to 2.5 pixels."""
 AXES_SCALE = np.array([1.1, 0.5, 0.8])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll, which errors in turns share with the
 lean."""
@@ -76,12 +79,14 @@ rotation is, beyond what the covariance says."""
 class Reference:
     """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to
     the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
-    roll; covered: share of the landmarks that graphics cover there."""
+    roll; covered: share of the landmarks that graphics cover there; sharpness: of the face there, see
+    `quality.sharpness`."""
 
     R: Array
     ray: Array
     axes_sd: Array
     covered: float = 0.0
+    sharpness: float = 1.0
 
     @cached_property
     def scaled_axes_sd(self) -> Array:
@@ -92,6 +97,11 @@ class Reference:
     def seen_from(self) -> Array:
         """(3,) the ray in head axes: from where the first frame sees the face."""
         return np.asarray(self.R.T @ self.ray)
+
+    @cached_property
+    def blur(self) -> float:
+        """Factor of the standard deviations of each frame's own error."""
+        return max(SHARP / self.sharpness, 1.0) ** 2
 
     @cached_property
     def obliqueness(self) -> float:
@@ -118,7 +128,8 @@ def state_covariance(
     `systematic_covariance`."""
     across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
     systematic = systematic_covariance(R, seen_from, first, relief_sd, lean, learned)
-    covariance: Array = _total_covariance(frame_variance(d2, seen), spread, across, systematic, moved)
+    own = first.blur**2 * frame_variance(d2, seen)
+    covariance: Array = _total_covariance(own, spread, across, systematic, moved)
     return covariance
 
 

@@ -1,10 +1,13 @@
-"""The noise of a picture: how strong it is, and what it looks like at another resolution."""
+"""How noisy a picture is, what its noise looks like at another resolution, and how sharp it is."""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
 
+from mien.appearance.crop import blurred
 from mien.arrays import Array, Float32, Pixels
 
 _TWICE_TWICE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
@@ -12,6 +15,9 @@ _TWICE_TWICE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 _NORM = 6.0
 _MEDIAN = 0.6745
 """Median of the absolute value of a Gaussian variable, in standard deviations."""
+
+_FINEST = 0.8
+"""Standard deviation in pixels of the blur up to which detail is not looked at."""
 
 
 def noise_sd(gray: Pixels) -> float:
@@ -32,3 +38,16 @@ def noise_image(sd: float, size: int, scale: float, rng: np.random.Generator) ->
     noise: Array = rng.normal(0.0, sd, (side, side))
     how = cv2.INTER_LINEAR if scale >= 1 else cv2.INTER_AREA
     return np.asarray(cv2.resize(noise.astype(np.float32), (size, size), interpolation=how), np.float32)
+
+
+def sharpness(image: Float32, blur: float) -> float:
+    """How much fine detail a crop (size, size) of a face shows, in its middle: between blurs of 0.8 and 1.6 pixels,
+    relative to that between 1.6 and 3.2. blur: standard deviation in pixels by which it is blurred.
+
+    Of faces in focus, 100 pixels wide in the crop, this is 0.47 to 0.75, whoever they are; of those that were blurred
+    by 1.5 and 2.5 pixels where they were 60 pixels wide, 0.35 to 0.4 and 0.3. 1 for a blank image."""
+    finest, finer, fine = (blurred(image, math.sqrt(max((k * _FINEST) ** 2 - blur**2, 0.0))) for k in (1, 2, 4))
+    margin = len(image) // 8
+    middle = slice(margin, -margin)
+    detail, coarser = (float(np.std((a - b)[middle, middle])) for a, b in ((finest, finer), (finer, fine)))
+    return detail / coarser if coarser > 1e-3 else 1.0
