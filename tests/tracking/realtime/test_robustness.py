@@ -310,7 +310,7 @@ def test_a_face_that_comes_back_beside_another_one_is_found() -> None:
     """What is tracked meanwhile has a face of its own, in the place of the one that was learned."""
     portrait = sequence().frames[0].pixels
     x, y = np.meshgrid(np.arange(320, dtype=np.float32), np.arange(240, dtype=np.float32))
-    across, down = x + 9 * np.sin(y / 18), y + 9 * np.sin(x / 22 + 1)
+    across, down = x + 8 * np.sin(y / 18), y + 8 * np.sin(x / 22 + 1)
     stranger = cv2.remap(portrait, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, ::-1]
     nobody = np.full_like(portrait, 90)
     tracker = RealtimeTracker()

@@ -44,7 +44,7 @@ factor of how far the cosine of the turn is below that of 50 degrees. Fitted to 
 GRAPHICS_SCALE = 0.35
 """The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
 are covered there. Fitted to rendered heads behind graphics."""
-SHARP = 0.5
+SHARP = 0.48
 """`quality.sharpness` of the first frame's face below which the standard deviations of a frame's own error grow, with
 its inverse square: found on rendered and modelled heads that were blurred by up to 2.5 pixels."""
 AXES_SCALE = np.array([1.1, 0.5, 0.8])
