@@ -60,14 +60,14 @@ class Keyframe:
     t: Array
     animation: Array
     gray: Pixels
-    view: Camera
+    camera: Camera
     fit: FirstFrame
 
     @cached_property
     def features(self) -> tuple[Float32, Array]:
         """SIFT descriptors (m, 128) and their points (m, 3) in head axes; m may be 0."""
         X = self.fit.vertices(self.animation) @ self.R.T + self.t
-        depth = depth_buffer(X, self.fit.model.triangles, self.view, *self.gray.shape[::-1])
+        depth = depth_buffer(X, self.fit.model.triangles, self.camera, *self.gray.shape[::-1])
         mask = np.isfinite(depth).astype(np.uint8)
         keypoints, descriptors = cv2.SIFT.create(_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(self.gray, mask)
         if not keypoints:
@@ -75,7 +75,7 @@ class Keyframe:
         q = np.array([k.pt for k in keypoints])
         z = depth[np.rint(q[:, 1]).astype(int), np.rint(q[:, 0]).astype(int)]
         seen = np.isfinite(z)
-        points = (self.view.rays(q) * z[:, None])[seen]
+        points = (self.camera.rays(q) * z[:, None])[seen]
         return descriptors[seen], (points - self.t) @ self.R
 
 

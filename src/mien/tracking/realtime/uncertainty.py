@@ -177,12 +177,19 @@ def systematic_covariance(
     R: Array, seen_from: Array, first: Reference, relief_sd: float, lean: float = 0.0, learned: float = 0.0
 ) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
-    head's axes. seen_from: (3,) from where, `Pose.seen_from`. A relief that is too deep along the first frame's
-    view turns too little, by a share with standard deviation relief_sd, about the axis that is perpendicular to both
-    views: also where a head crosses the image without a rotation. So does a face whose learned depths lean, by an angle
-    in radians, away from those of the first frame, one of which that frame shows one side only or a part, one that has
-    turned far, and one whose appearance was, by a share `learned`, learned where the tracker believed it to be in the
-    turn. With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
+    head's axes. seen_from: (3,) from where, `Pose.seen_from`.
+
+    A relief that is too deep along the first frame's view turns too little, about the axis that is perpendicular to
+    both views: also where a head crosses the image without a rotation. The standard deviation of the share by which it
+    does is made of what may be wrong with the relief:
+
+    - relief_sd: what the shape's posterior leaves open;
+    - lean: how far, in radians, the learned depths lean away from those of the first frame;
+    - `first`: the first frame shows the face from the side, or graphics cover a part of it there;
+    - learned: the share of the appearance that was learned in the turn, where the tracker believed the face to be;
+    - a turn beyond 50 degrees, where the first frame shows next to nothing.
+
+    With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
     far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
     share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far)
