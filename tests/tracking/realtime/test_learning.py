@@ -47,3 +47,13 @@ def test_a_face_is_changed_as_its_mirror_image_is() -> None:
             (_, _, other_light), *_ = others
             assert other_light is not None
             np.testing.assert_allclose(np.log(other_light), MIRROR @ np.log(light), atol=1e-9)
+
+
+def test_lights_come_from_all_sides_in_all_strengths() -> None:
+    lights = learning.spread_lights(40, 0.45)
+    assert np.all(lights[:, 2] == 0)
+    strength = np.hypot(lights[:, 0], lights[:, 1])
+    assert strength.max() <= 0.45
+    np.testing.assert_allclose(np.sort(strength), np.linspace(0, 0.45, 40), atol=0.03)
+    np.testing.assert_allclose(np.cov(lights[:, :2].T), 0.45**2 / 6 * np.eye(2), atol=0.003)
+    np.testing.assert_allclose(lights.mean(axis=0), 0, atol=0.02)

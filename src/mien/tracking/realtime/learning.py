@@ -43,6 +43,8 @@ teaches nothing of it."""
 _LIT_VIEWS = 2
 """One view in so many is rendered in another light, too. Light goes into the covariance, not into the mean: with a
 random light in each view, the mean would be as random."""
+_PLASTIC = 1.32471795724474602596
+"""The number x with x^3 = x + 1."""
 _LEAST_NOISE, _NOISE_SAMPLES = 1.0, 4
 """Standard deviation, in grey values, below which noise changes next to nothing, and how often it is tried."""
 _NOISE_FACTOR = 1.35
@@ -219,13 +221,13 @@ def _render_views(renderer: _ViewRenderer, tilts: Array, pans: Array, s: Realtim
 def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings) -> _Changes:
     """Render some of the views once more, with moved eyes and in other lights: in pairs that are mirror images of each
     other, so that the mirror image of a face is learned like the face."""
-    rng = np.random.default_rng(0)
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
     lights = []
     last = len(views.pans) - 1
+    some = iter(spread_lights(len(views.tilts) * len(views.pans), s.views.light_contrast))
     for k, (i, j) in enumerate(product(range(len(views.tilts)), range(last // 2 + 1))):
         moved = k // _EYE_VIEWS % len(_EYES) if k % _EYE_VIEWS == 0 else None
-        light = random_light(s.views.light_contrast, rng) if k % _LIT_VIEWS == 0 else None
+        light = next(some) if k % _LIT_VIEWS == 0 else None
         for column, sign in ((j, 1), (last - j, -1)):
             R, seen = rotation(views.tilts[i], views.pans[column], 0.0), views.seen[i, column]
             posed = renderer.posed(R)
@@ -235,16 +237,17 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings)
             if light is not None:
                 lit = np.exp(renderer.normals @ R.T @ (light * [sign, 1, 1]))
                 lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
-    return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights), *_changes_by_noise(renderer, rng))
+    return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights), *_changes_by_noise(renderer))
 
 
-def _changes_by_noise(renderer: _ViewRenderer, rng: np.random.Generator) -> tuple[Float32, float]:
+def _changes_by_noise(renderer: _ViewRenderer) -> tuple[Float32, float]:
     """Changes (m, n, 128) of the descriptors of the face from the front, and the fraction of their differences that is
     left; none, and all, where there is hardly any noise."""
     sd, posed = noise_sd(renderer.face.frame.gray), renderer.posed(FACING)
     clean = renderer.describe(posed, renderer.texture)[0]
     if sd < _LEAST_NOISE:
         return np.zeros((1, *clean.shape), np.float32), 1.0
+    rng = np.random.default_rng(0)
     noise = (noise_image(sd, renderer.size, renderer.scale, rng) for _ in range(_NOISE_SAMPLES))
     noisy = np.array([renderer.describe(posed, renderer.texture, noise=shown)[0] for shown in noise])
     differ, left = clean - clean.mean(axis=0), noisy.mean(axis=0) - noisy.mean(axis=(0, 1))
@@ -316,11 +319,13 @@ def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera
     return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)
 
 
-def random_light(contrast: float, rng: np.random.Generator) -> Array:
-    """A light (3,) from a random direction across the view, camera axes: it multiplies the brightness of a matt surface
-    with normals N (V, 3) by `exp(N @ light)`."""
-    direction = np.append(rng.standard_normal(2), 0.0)
-    return np.asarray(direction * (contrast * rng.uniform(-1, 1) / np.linalg.norm(direction)))
+def spread_lights(count: int, contrast: float) -> Array:
+    """Lights (count, 3) from all sides across the view, camera axes, of up to a contrast: each multiplies the
+    brightness of a matt surface with normals N (V, 3) by `exp(N @ light)`. Spread evenly, so that what is learned does
+    not depend on chance: multiples of powers of the plastic number, M. Roberts, 2018."""
+    side, strength = (np.outer(_PLASTIC ** np.array([-1.0, -2.0]), np.arange(1, count + 1)) + 0.5) % 1
+    angle, strength = math.tau * side, contrast * (2 * strength - 1)
+    return np.column_stack([strength * np.cos(angle), strength * np.sin(angle), np.zeros(count)])
 
 
 def _normals_at(points: Array, surface: Surface, camera: Camera) -> Array:
