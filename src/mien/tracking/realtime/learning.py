@@ -40,9 +40,6 @@ _EYE_VIEWS = 4
 _CLEAR = 0.5
 """Depth behind the face's own surface, as a share of the depth at which a landmark is hidden, beyond which a view
 teaches nothing of it."""
-_LIT_VIEWS = 2
-"""One view in so many is rendered in another light, too. Light goes into the covariance, not into the mean: with a
-random light in each view, the mean would be as random."""
 _PLASTIC = 1.32471795724474602596
 """The number x with x^3 = x + 1."""
 _LEAST_NOISE, _NOISE_SAMPLES = 1.0, 4
@@ -219,24 +216,23 @@ def _render_views(renderer: _ViewRenderer, tilts: Array, pans: Array, s: Realtim
 
 
 def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings) -> _Changes:
-    """Render some of the views once more, with moved eyes and in other lights: in pairs that are mirror images of each
-    other, so that the mirror image of a face is learned like the face."""
+    """Render the views once more in other lights, and some with moved eyes: in pairs that are mirror images of each
+    other, so that the mirror image of a face is learned like the face. Light goes into the covariance, not into the
+    mean, which would depend on where it comes from in which view."""
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
     lights = []
     last = len(views.pans) - 1
-    some = iter(spread_lights(len(views.tilts) * len(views.pans), s.views.light_contrast))
+    some = spread_lights(len(views.tilts) * len(views.pans), s.views.light_contrast)
     for k, (i, j) in enumerate(product(range(len(views.tilts)), range(last // 2 + 1))):
         moved = k // _EYE_VIEWS % len(_EYES) if k % _EYE_VIEWS == 0 else None
-        light = next(some) if k % _LIT_VIEWS == 0 else None
         for column, sign in ((j, 1), (last - j, -1)):
             R, seen = rotation(views.tilts[i], views.pans[column], 0.0), views.seen[i, column]
             posed = renderer.posed(R)
             if moved is not None:
                 shown = moved if sign > 0 else _MIRRORED_EYES[moved]
                 eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - seen)
-            if light is not None:
-                lit = np.exp(renderer.normals @ R.T @ (light * [sign, 1, 1]))
-                lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
+            lit = np.exp(renderer.normals @ R.T @ (some[k] * [sign, 1, 1]))
+            lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
     return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights), *_changes_by_noise(renderer))
 
 
@@ -323,7 +319,7 @@ def spread_lights(count: int, contrast: float) -> Array:
     """Lights (count, 3) from all sides across the view, camera axes, of up to a contrast: each multiplies the
     brightness of a matt surface with normals N (V, 3) by `exp(N @ light)`. Spread evenly, so that what is learned does
     not depend on chance: multiples of powers of the plastic number, M. Roberts, 2018."""
-    side, strength = (np.outer(_PLASTIC ** np.array([-1.0, -2.0]), np.arange(1, count + 1)) + 0.5) % 1
+    side, strength = np.outer(_PLASTIC ** np.array([-1.0, -2.0]), np.arange(1, count + 1)) % 1
     angle, strength = math.tau * side, contrast * (2 * strength - 1)
     return np.column_stack([strength * np.cos(angle), strength * np.sin(angle), np.zeros(count)])
 
