@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from inputs import carry_out, videos_of
+from scipy.spatial.transform import Rotation
 
 import mien
 from mien.arrays import Array, Mask
@@ -54,9 +55,9 @@ def apart_deg(a: Array, b: Array, known: Mask | None = None) -> Array:
     lost it. known: (n,) the frames over which the axes are aligned, all unless given."""
     D = np.swapaxes(a, 1, 2) @ b
     there = np.isfinite(D).all(axis=(1, 2))
-    U, _, Vt = np.linalg.svd(D[there if known is None else there & known].mean(axis=0))
+    between = Rotation.from_matrix(D[there if known is None else there & known]).mean().as_matrix()
     apart = np.full(len(D), np.nan)
-    apart[there] = np.degrees(angle_between(D[there], U @ Vt))
+    apart[there] = np.degrees(angle_between(D[there], between))
     return apart
 
 
