@@ -61,15 +61,20 @@ class PoseRegression:
             spread = np.concatenate([spread, np.swapaxes(changes, 0, 1)], axis=1)
         variance, directions = _leading(np.swapaxes(spread, 1, 2) @ spread, rank)
         gain = (1 / (variance + floor) - 1 / floor).astype(np.float32)
-        along = residual @ np.swapaxes(directions, 1, 2)
-        lack_of_fit = (residual**2).sum(axis=2) / np.float32(floor) + (along**2 * gain[:, None]).sum(axis=2)
+        lack_of_fit = _squared_norms(residual, directions, gain, np.full(len(seen), floor, np.float32))
         inverse_floor, by_view = np.full(len(seen), 1 / floor, np.float32), np.ascontiguousarray(lack_of_fit.T)
         return cls(coefficients, directions, gain, inverse_floor, limit, by_view)
 
     def squared_norms(self, changes: Float32) -> Array:
         """Squared distances (m, n) that changes (m, n, 128) of the descriptors make."""
-        along = np.einsum("nkd,mnd->mnk", self.U, changes)
-        return np.asarray((changes**2).sum(axis=2) * self.inverse_floor + (along**2 * self.gain).sum(axis=2), float)
+        return _squared_norms(np.swapaxes(changes, 0, 1), self.U, self.gain, 1 / self.inverse_floor).T.astype(float)
+
+
+def _squared_norms(x: Float32, U: Float32, gain: Float32, floor: Float32) -> Float32:
+    """Squared norms (n, m) of descriptors x (n, m, 128) in the metric `I / floor + U^T diag(gain) U` of each of n
+    landmarks, with floor (n,)."""
+    along = x @ np.swapaxes(U, 1, 2)
+    return np.asarray((x**2).sum(axis=2) / floor[:, None] + (along**2 * gain[:, None]).sum(axis=2), np.float32)
 
 
 def _leading(covariance: Float32, rank: int) -> tuple[Float32, Float32]:

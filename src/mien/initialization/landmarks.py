@@ -6,6 +6,7 @@ landmarks), `ibug68`, `mediapipe478`, or `mediapipe468` (the same without irises
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -117,6 +118,20 @@ def rows_by_name(scheme: str) -> dict[str, NDArray[np.intp]]:
 def rows_reported(scheme: str) -> dict[str, NDArray[np.intp]]:
     """`rows_by_name` for the positions at which landmarks are reported."""
     return rows_by_name(scheme) | {name: np.array(rows) for name, rows in _REPORTED.get(scheme, {}).items()}
+
+
+def opening_of(points: Mapping[str, Array]) -> float:
+    """Height of the eyes between the lids over their width, the mean of both, by the points (2,) or (3,) of the
+    landmarks by name."""
+
+    def apart(side: str, one: str, other: str) -> float:
+        return math.dist(points[f"{side}_{one}"], points[f"{side}_{other}"])
+
+    shares = [
+        apart(side, "eyelid_upper_mid", "eyelid_lower_mid") / apart(side, "eye_outer_corner", "eye_inner_corner")
+        for side in ("right", "left")
+    ]
+    return sum(shares) / 2
 
 
 MINIMUM_FACE_PX = 40.0

@@ -7,7 +7,6 @@ was measured (docs/benchmark.md).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import cv2
@@ -18,7 +17,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project, line_of_sight
 from mien.geometry.rotation import similarity
 from mien.initialization.fit import turned_deg
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_by_name
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, opening_of, rows_by_name
 
 PER_DEGREE, PER_UPPER, PER_LOWER = 1 / 50, 20.0, 3.5
 """Increase in the error of a track, relative to that of one begun at rest: per degree of rotation, and per displacement
@@ -69,17 +68,7 @@ def detail(frame: Frame, look: Landmarks) -> float:
 
 def eye_opening(look: Landmarks) -> float:
     """Height of the eyes between the lids over their width, the mean of both, as the image shows them."""
-    rows = rows_by_name(look.scheme)
-
-    def apart(side: str, one: str, other: str) -> float:
-        a, b = (look.points[rows[f"{side}_{name}"]].mean(axis=0) for name in (one, other))
-        return math.dist(a, b)
-
-    shares = [
-        apart(side, "eyelid_upper_mid", "eyelid_lower_mid") / apart(side, "eye_outer_corner", "eye_inner_corner")
-        for side in ("right", "left")
-    ]
-    return sum(shares) / 2
+    return opening_of({name: look.points[rows].mean(axis=0) for name, rows in rows_by_name(look.scheme).items()})
 
 
 def expected_errors(looks: Sequence[Landmarks], details: Sequence[float], camera: Camera, R: Array, t: Array) -> Array:

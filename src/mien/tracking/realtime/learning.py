@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from mien.appearance.crop import blurred
-from mien.appearance.descriptors import describe_with_jacobian, orientation_maps
+from mien.appearance.descriptors import LENGTH, describe_with_jacobian, orientation_maps
 from mien.appearance.eyes import close_eye, turn_eye
 from mien.appearance.quality import noise_image, noise_sd
 from mien.appearance.regression import PoseRegression
@@ -76,7 +76,8 @@ def learn_face(
     pixels = near.project(points)[0]
     eyes = tuple(_with_eyes(part, pixels, draw, share) for draw, share in _EYES)
     background = _around(part.gray)
-    posed = _PosedFace(part, eyes, background, surface, (points - fit.t) @ fit.R, normals, fit, near)
+    noise = noise_sd(part.gray)
+    posed = _PosedFace(part, eyes, background, noise, surface, (points - fit.t) @ fit.R, normals, fit, near)
     coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = (_patches_on(surface, points, fit, camera, settings.motion) - points[:, None]) @ fit.R
@@ -86,11 +87,13 @@ def learn_face(
 @dataclass(frozen=True)
 class _PosedFace:
     """The face of the first frame: points and normals (n, 3) in head axes; the part of the frame that shows it, as it
-    is and with the eyes moved as `_EYES` says, its camera, and the grey value behind it."""
+    is and with the eyes moved as `_EYES` says, its camera, the grey value behind it, and the standard deviation of its
+    noise."""
 
     frame: Frame
     eyes: tuple[Frame, ...]
     background: float
+    noise: float
     surface: Surface
     points: Array
     normals: Array
@@ -222,8 +225,9 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings)
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
     lights = []
     last = len(views.pans) - 1
-    some = spread_lights(len(views.tilts) * len(views.pans), s.views.light_contrast)
-    for k, (i, j) in enumerate(product(range(len(views.tilts)), range(last // 2 + 1))):
+    pairs = list(product(range(len(views.tilts)), range(last // 2 + 1)))
+    spread = spread_lights(len(pairs), s.views.light_contrast)
+    for k, ((i, j), light) in enumerate(zip(pairs, spread, strict=True)):
         moved = k // _EYE_VIEWS % len(_EYES) if k % _EYE_VIEWS == 0 else None
         for column, sign in ((j, 1), (last - j, -1)):
             R, seen = rotation(views.tilts[i], views.pans[column], 0.0), views.seen[i, column]
@@ -231,7 +235,7 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings)
             if moved is not None:
                 shown = moved if sign > 0 else _MIRRORED_EYES[moved]
                 eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - seen)
-            lit = np.exp(renderer.normals @ R.T @ (some[k] * [sign, 1, 1]))
+            lit = np.exp(renderer.normals @ R.T @ (light * [sign, 1, 1]))
             lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
     return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights), *_changes_by_noise(renderer))
 
@@ -239,11 +243,11 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings)
 def _changes_by_noise(renderer: _ViewRenderer) -> tuple[Float32, float]:
     """Changes (m, n, 128) of the descriptors of the face from the front, and the fraction of their differences that is
     left; none, and all, where there is hardly any noise."""
-    sd, posed = noise_sd(renderer.face.frame.gray), renderer.posed(FACING)
-    clean = renderer.describe(posed, renderer.texture)[0]
+    sd = renderer.face.noise
     if sd < _LEAST_NOISE:
-        return np.zeros((1, *clean.shape), np.float32), 1.0
-    rng = np.random.default_rng(0)
+        return np.zeros((1, len(renderer.face.points), LENGTH), np.float32), 1.0
+    rng, posed = np.random.default_rng(0), renderer.posed(FACING)
+    clean = renderer.describe(posed, renderer.texture)[0]
     noise = (noise_image(sd, renderer.size, renderer.scale, rng) for _ in range(_NOISE_SAMPLES))
     noisy = np.array([renderer.describe(posed, renderer.texture, noise=shown)[0] for shown in noise])
     differ, left = clean - clean.mean(axis=0), noisy.mean(axis=0) - noisy.mean(axis=(0, 1))

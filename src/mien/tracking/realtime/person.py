@@ -14,7 +14,7 @@ from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
-from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, opening_of
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.adaptation import Adaptation
 from mien.tracking.realtime.eyes import closing_of
@@ -105,7 +105,7 @@ class Person:
         self.least_variance = np.where(self.temples, s.misplacement.temple_sd, s.misplacement.least_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
-        self.learned_shut = _opening(face.neutral) < _SHUT
+        self.learned_shut = opening_of(dict(zip(TRACKED, face.neutral, strict=True))) < _SHUT
 
     @property
     def arrays(self) -> PersonArrays:
@@ -236,17 +236,6 @@ def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float,
             if of[i]:
                 means[i, k] += rate * (values[i] - means[i, k])
             means[i, k] = max(means[i, k], least)
-
-
-def _opening(points: Array) -> float:
-    """Height of the eyes over their width, mean of both, where the landmarks of `TRACKED` are (n, 3)."""
-    at = dict(zip(TRACKED, points, strict=True))
-    shares = [
-        math.dist(at[f"{side}_eyelid_upper_mid"], at[f"{side}_eyelid_lower_mid"])
-        / math.dist(at[f"{side}_eye_outer_corner"], at[f"{side}_eye_inner_corner"])
-        for side in ("right", "left")
-    ]
-    return sum(shares) / 2
 
 
 def _masked_mean(values: Float32, of: Mask) -> float:
