@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from numbers import Real
@@ -61,6 +62,12 @@ class Frame:
     def interlaced(self) -> bool:
         """Whether it shows one of the two fields of a decoded image."""
         return isinstance(self.image, Decoded) and self.image.interlaced
+
+    @cached_property
+    def quantizer_step(self) -> float | None:
+        """How coarsely the video around a decoded image was compressed, see `video.quantizer`; None where that is not
+        known."""
+        return self.image.quantizer_step() if isinstance(self.image, Decoded) else None
 
     @cached_property
     def pixels(self) -> Pixels:
@@ -142,6 +149,10 @@ class Decoded:
         height, width = int(self.image.height), int(self.image.width)
         return round(height * max(1 / self.aspect, 1)), round(width * max(self.aspect, 1))
 
+    def quantizer_step(self) -> float | None:
+        """See `Frame.quantizer_step`."""
+        return None if self.image.time is None else self.display.quantizer_step(float(self.image.time))
+
     def rgb(self) -> Pixels:
         """(H, W, 3) uint8."""
         height, width = self._size_with_square_pixels
@@ -174,13 +185,13 @@ class Decoded:
 
 
 class Display:
-    """How the images of a video are displayed, and what converts them: setting up a conversion takes several times as
-    long as running it."""
+    """What the images of a video share: how they are displayed, what converts them, as setting up a conversion takes
+    several times as long as running it, and quantizer_step, how coarsely they were compressed at a time in seconds."""
 
-    def __init__(self) -> None:
+    def __init__(self, quantizer_step: Callable[[float], float | None]) -> None:
         from av.video.reformatter import VideoReformatter
 
-        self.converter = VideoReformatter()
+        self.converter, self.quantizer_step = VideoReformatter(), quantizer_step
         self._orientations: dict[float, tuple[int, int]] = {}
 
     def orientation(self, image: Any) -> tuple[int, int]:

@@ -179,7 +179,7 @@ def warn_of_first_frame(
     if landmarks.graphics is not None:
         known = isinstance(tracker, GraphicsTracker)
         then = "they are painted over, and what they hide is not tracked" if known else "this tracker takes them for it"
-        warn(f"{video.name}: graphics, such as a logo, stand still before {face}; {then}")
+        warn(f"{video.name}: graphics, such as a logo, or a hard shadow stand still before {face}; {then}")
     turned = turned_deg(first.rotation, first.translation)
     if turned > TURNED_DEG:
         warn(

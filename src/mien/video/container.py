@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +43,17 @@ def shown_stream(container: Any) -> Any:
     return best if best in streams else next(iter(streams), None)
 
 
-def decoded_images(path: Path, begin: float | None = None) -> Iterator[Any]:
+def decoded_images(
+    path: Path, begin: float | None = None, threads: str = "AUTO", options: Mapping[str, str] | None = None
+) -> Iterator[Any]:
     """Images as PyAV decodes them, with None for a damaged packet, from the beginning or from the key frame before
-    `begin` (seconds)."""
+    `begin` (seconds). threads, options: of the decoder."""
     import av
 
     with open_container(path) as container:
         stream = shown_stream(container)
-        stream.thread_type = "AUTO"
+        stream.thread_type = threads
+        stream.codec_context.options = dict(options or {})
         try:
             if begin is not None:
                 container.seek(math.floor(begin / stream.time_base), stream=stream)

@@ -6,7 +6,7 @@ import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -16,6 +16,7 @@ from mien.frame import Decoded, Display, Frame
 from mien.video.clock import Clock
 from mien.video.container import decoded_images, open_container, shown_stream
 from mien.video.folder import FOLDER_FPS
+from mien.video.quantizer import quantizer_step
 from mien.video.scaling import same_size
 
 _MAXIMUM_ASPECT = 4.0
@@ -78,7 +79,7 @@ class VideoFile:
 
         Decoding starts at the key frame before `begin`; in some containers seeking misses it, and frames are missing.
         """
-        display = Display()
+        display = Display(partial(quantizer_step, self.path))
         for image in decoded_images(self.path, begin):
             if image is None or image.time is None or image.time > until:
                 return
@@ -86,7 +87,7 @@ class VideoFile:
                 yield Frame(Decoded(image, display, self.aspect), time=float(image.time))
 
     def _frames(self) -> Iterator[Frame]:
-        display = Display()
+        display = Display(partial(quantizer_step, self.path))
         count, incomplete, invented, clock = 0, False, False, Clock(self.name, self.begin)
         for image in decoded_images(self.path):
             if image is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from warnings import catch_warnings, simplefilter
 
 import cv2
@@ -23,6 +24,7 @@ from mien.tracking.realtime.uncertainty import (
     ACROSS_SD,
     ACROSS_TURNED_SD,
     AXES_SCALE,
+    COARSE,
     FAR_COSINE,
     FAR_SCALE,
     GRAPHICS_SCALE,
@@ -43,6 +45,7 @@ from mien.tracking.realtime.uncertainty import (
 from mien.tracking.state import Estimate
 from small_motion import face, small_motion
 from strategies import head_rotations, rotation_vectors
+from videos import frames_of, write_video
 
 RELIEF_SD = 0.1
 RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2
@@ -225,6 +228,40 @@ def test_what_was_learned_out_of_focus_is_less_certain() -> None:
     still = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
     np.testing.assert_array_equal(sharp, still)
     np.testing.assert_allclose(soft - sharp, 15 * NOISE, atol=1e-15)
+
+
+def test_what_was_learned_in_a_coarsely_compressed_picture_is_less_certain() -> None:
+    """Each frame's own variance grows with the step to which it was rounded."""
+    R = rotation(0.1, 0.4, 0.0) @ FACING
+    fine, coarse = (
+        state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, replace(FIRST, rounding=step), RELIEF_SD)
+        for step in (0.0, 2 / COARSE)
+    )
+    np.testing.assert_allclose(coarse - fine, 2 * NOISE, atol=1e-15)
+
+
+def test_a_face_that_is_learned_in_a_coarsely_compressed_picture_is_told_of(tmp_path: Path) -> None:
+    """By the quantizer of its stream, relative to the size of the face."""
+    images = [frame.pixels for frame in small_motion().frames[:2]]
+    spreads = []
+    for level in (10, 44):
+        options = {"qp": str(level)}
+        path = write_video(tmp_path / f"{level}.mp4", images, codec="libx264", pix_fmt="yuv420p", options=options)
+        tracker, (first, second) = RealtimeTracker(), frames_of(path)
+        if level == 10:
+            with catch_warnings():
+                simplefilter("error")
+                tracker.initialize(first, face().landmarks, face().camera)
+        else:
+            with pytest.warns(MienWarning, match=r"the face is coarsely compressed at 0\.00 s"):
+                tracker.initialize(first, face().landmarks, face().camera)
+        sd = tracker.track(second).euler_sd
+        assert sd is not None
+        spreads.append(sd)
+        assert first.quantizer_step is not None
+        scale = tracker.face.fine.descriptor.pixels_per_unit * tracker.pose.distance / face().camera.focal_px
+        assert tracker.axes.first.rounding == pytest.approx(first.quantizer_step * scale, rel=0.05)
+    assert (spreads[1] > 1.3 * spreads[0]).all()
 
 
 def test_a_face_that_is_learned_out_of_focus_is_told_of() -> None:

@@ -53,6 +53,8 @@ _NEAREST = 1.0
 """Least distance of a face in CANDIDE units, about 11 cm: turned, a part of it would be behind a nearer camera."""
 _BLURRED = 0.4
 """`sharpness` of a face in the first frame below which it is blurred."""
+_COARSE = 25.0
+"""Grey values to which it was rounded there from which it is coarsely compressed: standard deviations nearly double."""
 _FACE_RADIUS = 1.3
 """Radius in CANDIDE units around the face beyond which the surroundings begin."""
 
@@ -114,7 +116,7 @@ class RealtimeTracker:
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
-        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, self._sharpness(frame))
+        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, *self._quality(frame))
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
@@ -135,16 +137,20 @@ class RealtimeTracker:
             )
         return solution
 
-    def _sharpness(self, frame: Frame) -> float:
-        """`sharpness` of the face in the first frame; warns if it is blurred."""
-        blur = self.face.fine.descriptor.blur
-        found = sharpness(self.solver.view(self.face.fine, frame, self.pose).image, blur)
-        if found < _BLURRED:
+    def _quality(self, frame: Frame) -> tuple[float, float]:
+        """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
+        if it is blurred or coarsely compressed."""
+        view, descriptor = self.solver.view(self.face.fine, frame, self.pose), self.face.fine.descriptor
+        sharp = sharpness(view.image, descriptor.blur)
+        crop_scale = descriptor.pixels_per_unit * self.pose.distance / self.camera.focal_px
+        rounding = (frame.quantizer_step or 0.0) * crop_scale
+        poor = "blurred or enlarged" if sharp < _BLURRED else "coarsely compressed" if rounding > _COARSE else ""
+        if poor:
             warn(
-                f"the face is blurred or enlarged at {frame.time:.2f} s, where it is learned: what it does is less "
-                "certain, as the standard deviations say"
+                f"the face is {poor} at {frame.time:.2f} s, where it is learned: what it does is less certain, as the "
+                "standard deviations say"
             )
-        return found
+        return sharp, rounding
 
     def _landmark_offsets(self, landmarks: Landmarks) -> Array:
         """Offsets (26, 3), in head axes and parallel to the image plane, from the model's landmarks to those given in

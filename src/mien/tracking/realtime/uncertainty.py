@@ -47,6 +47,9 @@ are covered there. Fitted to rendered heads behind graphics."""
 SHARP = 0.48
 """`quality.sharpness` of the first frame's face below which the standard deviations of a frame's own error grow, with
 its inverse square: found on rendered and modelled heads that were blurred by up to 2.5 pixels."""
+COARSE = 0.08
+"""Share by which the variances of a frame's own error grow with each grey value to which the first frame's face was
+rounded at the resolution of the crop, see `Reference`: found on rendered heads in H.264 of all rates, at two sizes."""
 AXES_SCALE = np.array([1.1, 0.5, 0.8])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll, which errors in turns share with the
 lean."""
@@ -80,13 +83,15 @@ class Reference:
     """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to
     the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
     roll; covered: share of the landmarks that graphics cover there; sharpness: of the face there, see
-    `quality.sharpness`."""
+    `quality.sharpness`; rounding: how coarsely it was compressed there, grey values: `Frame.quantizer_step`, which the
+    crop's pixels average where they are larger than the frame's."""
 
     R: Array
     ray: Array
     axes_sd: Array
     covered: float = 0.0
     sharpness: float = 1.0
+    rounding: float = 0.0
 
     @cached_property
     def scaled_axes_sd(self) -> Array:
@@ -99,9 +104,9 @@ class Reference:
         return np.asarray(self.R.T @ self.ray)
 
     @cached_property
-    def blur(self) -> float:
-        """Factor of the standard deviations of each frame's own error."""
-        return max(SHARP / self.sharpness, 1.0) ** 2
+    def vagueness(self) -> float:
+        """Factor of the variances of each frame's own error, from a blurred or coarsely compressed face."""
+        return max(SHARP / self.sharpness, 1.0) ** 4 * (1 + COARSE * self.rounding)
 
     @cached_property
     def obliqueness(self) -> float:
@@ -128,7 +133,7 @@ def state_covariance(
     `systematic_covariance`."""
     across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
     systematic = systematic_covariance(R, seen_from, first, relief_sd, lean, learned)
-    own = first.blur**2 * frame_variance(d2, seen)
+    own = first.vagueness * frame_variance(d2, seen)
     covariance: Array = _total_covariance(own, spread, across, systematic, moved)
     return covariance
 

@@ -1,0 +1,70 @@
+"""How coarsely a video was compressed, on some that were compressed as told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mien.frame import Frame
+from mien.video.quantizer import quantizer_step
+from videos import frames_of, gradient, portrait_images, write_video
+
+
+def _step(path: Path, frame: int = 0) -> float | None:
+    return frames_of(path)[frame].quantizer_step
+
+
+@pytest.mark.parametrize(("pix_fmt", "before"), [("yuv420p", 0), ("yuv420p10le", 12)])
+@pytest.mark.parametrize("level", [16, 28, 40])
+def test_h264_doubles_its_step_every_six_levels(level: int, pix_fmt: str, before: int, tmp_path: Path) -> None:
+    """before: how many levels two more bits have before those of 8. x264 makes key frames finer by three levels, and
+    others coarser by up to two."""
+    how = {"qp": str(level + before), "aq-mode": "0"}
+    path = write_video(tmp_path / "x.mp4", portrait_images(8), codec="libx264", pix_fmt=pix_fmt, options=how)
+    usual = 2 ** ((level - 4) / 6)
+    assert _step(path) == pytest.approx(usual, rel=0.15)
+    assert _step(path, 7) == _step(path)  # decoded from the same key frame
+
+
+def test_it_changes_with_the_video(tmp_path: Path) -> None:
+    how = {"x264-params": "zones=0,5,q=20/6,11,q=38:keyint=6:scenecut=0:aq-mode=0:mbtree=0"}
+    path = write_video(tmp_path / "x.mp4", portrait_images(12), codec="libx264", pix_fmt="yuv420p", options=how)
+    fine, coarse = _step(path, 2), _step(path, 9)
+    assert fine == _step(path, 5)
+    assert coarse == _step(path, 6)
+    assert fine is not None
+    assert coarse is not None
+    assert coarse > 5 * fine
+
+
+@pytest.mark.parametrize(("codec", "suffix"), [("mpeg4", ".avi"), ("mpeg2video", ".mkv"), ("mpeg1video", ".mkv")])
+def test_mpeg_states_its_scale(codec: str, suffix: str, tmp_path: Path) -> None:
+    for scale in (2, 12):
+        how = {"qmin": str(scale), "qmax": str(scale)}
+        images = portrait_images(3)
+        path = write_video(tmp_path / f"{scale}{suffix}", images, codec=codec, pix_fmt="yuv420p", options=how)
+        assert _step(path) == pytest.approx(2 * scale)
+
+
+def test_vp9_is_read_as_well(tmp_path: Path) -> None:
+    found = []
+    for level in (10, 50):
+        how, images = {"crf": str(level), "b": "0"}, portrait_images(3)
+        path = write_video(tmp_path / f"{level}.webm", images, codec="libvpx-vp9", pix_fmt="yuv420p", options=how)
+        found.append(_step(path))
+    fine, coarse = found
+    assert fine is not None
+    assert coarse is not None
+    assert 0.5 < fine < 0.5 * coarse < 30
+
+
+@pytest.mark.parametrize(("codec", "pix_fmt", "name"), [("ffv1", "bgr0", "x.mkv"), ("mjpeg", "yuvj420p", "x.avi")])
+def test_nothing_is_made_up_where_a_stream_does_not_say(codec: str, pix_fmt: str, name: str, tmp_path: Path) -> None:
+    path = write_video(tmp_path / name, portrait_images(3), codec=codec, pix_fmt=pix_fmt)
+    assert _step(path) is None
+    assert Frame(gradient(0)).quantizer_step is None
+
+
+def test_a_file_that_is_gone_says_nothing(tmp_path: Path) -> None:
+    assert quantizer_step(tmp_path / "gone.mp4", 0.0) is None
