@@ -12,10 +12,9 @@ from typing import Any
 
 from mien.baselines.la_cascia import LaCasciaTracker, warping_templates
 from mien.baselines.morency import MorencyTracker
-from mien.baselines.surface import Pose, look
+from mien.baselines.surface import Pose, View
 from mien.baselines.xiao import XiaoTracker
 from mien.config import PaperSettings
-from mien.frame import Frame
 from mien.tracking.paper import PaperTracker
 
 
@@ -29,12 +28,10 @@ class LaCasciaWithoutIllumination(LaCasciaTracker):
 class LaCasciaRenewedTemplates(LaCasciaTracker):
     """Warping templates of every frame, at the pose of the frame before, instead of those of the first frame."""
 
-    def _registered(self, frame: Frame, start: Pose) -> Pose | None:
-        view = look(frame, start, self.head.camera)
-        if view is not None:
-            warping = warping_templates(self.head.surface, view, start)
-            self.levels = [replace(u, warping=B) for u, B in zip(self.levels, warping, strict=True)]
-        return super()._registered(frame, start)
+    def _matched(self, view: View, start: Pose) -> Pose | None:
+        warping = warping_templates(self.head.surface, view, start)
+        self.levels = [replace(u, warping=B) for u, B in zip(self.levels, warping, strict=True)]
+        return super()._matched(view, start)
 
 
 class XiaoWithoutReregistration(XiaoTracker):

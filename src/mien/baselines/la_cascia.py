@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mien.arrays import Array
-from mien.baselines.rigid_head import RigidHead
+from mien.baselines.rigid_tracker import RigidTracker
 from mien.baselines.surface import (
     Pose,
     Surface,
@@ -32,16 +32,9 @@ from mien.baselines.surface import (
     correlation,
     cylinder,
     is_plausible_motion,
-    look,
-    look_first,
     take_template,
 )
-from mien.frame import Frame
-from mien.geometry.camera import Camera
 from mien.geometry.rotation import exp
-from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status, require_next_of
 
 ITERATIONS = 12
 SMALLEST_STEP = 5e-4
@@ -82,51 +75,36 @@ class Trial:
     correlation: float
 
 
-class LaCasciaTracker:
+class LaCasciaTracker(RigidTracker):
     """Textured cylinder with warping templates and, with `use_illumination`, illumination templates."""
+
+    surface_of = staticmethod(cylinder)
 
     def __init__(self, *, use_illumination: bool = True) -> None:
         self.use_illumination = use_illumination
-        self.size: tuple[int, int] | None = None
 
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Unroll the first frame, and compute its texture and its warping and illumination templates."""
-        landmarks.check(frame.width, frame.height)
-        self.size = frame.width, frame.height
-        fit = fit_first_frame(landmarks, camera)
-        surface = cylinder(fit)
-        self.head = RigidHead.from_first_frame(frame, fit, camera, surface)
-        self.pose, self.status = self.head.first, Status.INITIALIZED
-        view = look_first(frame, self.pose, camera)
-        first = take_template(surface, view, self.pose)
+    def _learn(self, view: View) -> None:
+        first = take_template(self.head.surface, view, self.pose)
         self.confidence = confidence(first)
-        warping = warping_templates(surface, view, self.pose)
+        warping = warping_templates(self.head.surface, view, self.pose)
         self.levels = [
-            Unrolled(texture, B, self._illumination(surface, texture))
-            for texture, B in zip(first.values, warping, strict=True)
+            Unrolled(texture, B, self._illumination(texture)) for texture, B in zip(first.values, warping, strict=True)
         ]
-        return self.head.estimate(frame, self.status, self.pose)
 
-    def track(self, frame: Frame) -> Estimate:
-        """Correct the pose until the unrolled frame matches the first texture up to illumination."""
-        require_next_of(self.size, frame)
-        pose = self._registered(frame, self.pose)
-        if pose is None and self.status is Status.LOST:
-            pose = self._registered(frame, self.head.relocate(frame))
-        if pose is None or not self.head.in_sight(frame, pose):
-            return self._lost(frame)
-        self.pose = pose
-        self.status = Status.RECOVERED if self.status is Status.LOST else Status.TRACKED
-        return self.head.estimate(frame, self.status, self.pose)
+    def _follow(self, view: View) -> Pose | None:
+        return self._matched(view, self.pose)
 
-    def _registered(self, frame: Frame, start: Pose) -> Pose | None:
-        """The pose at which the frame matches the texture; None if there is none."""
-        view = look(frame, start, self.head.camera)
-        best = None
+    def _recover(self, view: View, start: Pose) -> Pose | None:
+        return self._matched(view, start)
+
+    def _matched(self, view: View, start: Pose) -> Pose | None:
+        """The pose at which the view matches the texture up to illumination; None if there is none."""
+        pose, best = start, None
         for level in range(len(self.levels)):
-            best = None if view is None else self._descend(view, start if best is None else best.pose, level)
+            best = self._descend(view, pose, level)
             if best is None or not is_plausible_motion(start, best.pose):
                 return None
+            pose = best.pose
         return best.pose if best is not None and best.correlation >= LEAST_CORRELATION else None
 
     def _descend(self, view: View, start: Pose, level: int) -> Trial | None:
@@ -153,14 +131,10 @@ class LaCasciaTracker:
         error = float(np.average((now.values[level] - explained) ** 2, weights=w))
         return Trial(pose, motion, error, correlation(now.values[level], explained, w))
 
-    def _illumination(self, surface: Surface, texture: Array) -> Array:
+    def _illumination(self, texture: Array) -> Array:
         if not self.use_illumination:
             return np.zeros((len(texture), 0))
-        return illumination_templates(surface, texture, self.confidence)
-
-    def _lost(self, frame: Frame) -> Estimate:
-        self.status = Status.LOST
-        return self.head.lost(frame, self.pose)
+        return illumination_templates(self.head.surface, texture, self.confidence)
 
 
 def displaced(pose: Pose, motion: Array) -> Pose:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.arrays import Array
-from mien.baselines.rigid_head import RigidHead
+from mien.baselines.rigid_tracker import RigidTracker
 from mien.baselines.surface import (
     Pose,
     Registration,
@@ -29,17 +29,11 @@ from mien.baselines.surface import (
     Template,
     View,
     ellipsoid,
-    look,
-    look_first,
     register,
+    robust_sd,
     take_template,
 )
-from mien.frame import Frame
-from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, log
-from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status, require_next_of
 
 KEYFRAME_SPACING_DEG = 10.0
 KEYFRAMES_USED, MOST_KEYFRAMES = 2, 24
@@ -63,40 +57,35 @@ class BaseFrame:
     pose: Pose
 
 
-class MorencyTracker:
+class MorencyTracker(RigidTracker):
     """GAVAM; without `keyframes`, every frame is registered only with the previous one."""
+
+    surface_of = staticmethod(ellipsoid)
 
     def __init__(self, *, keyframes: bool = True) -> None:
         self.keyframes = keyframes
-        self.size: tuple[int, int] | None = None
 
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Fit the ellipsoid to the face; the first frame is the first base frame, with an exactly known pose."""
-        landmarks.check(frame.width, frame.height)
-        self.size = frame.width, frame.height
-        fit = fit_first_frame(landmarks, camera)
-        self.head = RigidHead.from_first_frame(frame, fit, camera, ellipsoid(fit))
-        self.status = Status.INITIALIZED
-        self.pose = self.head.first
-        first = BaseFrame(look_first(frame, self.pose, camera), self.pose)
+    def _learn(self, view: View) -> None:
+        first = BaseFrame(view, self.pose)  # its pose is known exactly
         self.frames = [first, first]  # the filter state: first frame, keyframes, previous frame, six entries each
         self.covariance = 1e-8 * np.eye(6 * len(self.frames))
-        return self.head.estimate(frame, self.status, self.pose)
 
-    def track(self, frame: Frame) -> Estimate:
-        """Register the frame with the base frames, fuse the results, and add a keyframe if the view is new."""
-        require_next_of(self.size, frame)
-        view = look(frame, self.pose, self.head.camera)
-        measured = [] if view is None else self._measure(view, self.pose, self._base_frames())
-        if not measured and self.status is Status.LOST:
-            view, measured = self._search(frame)
-        if not measured or view is None:
-            return self._lost(frame)
-        self._fuse(view, measured)
-        if not self.head.in_sight(frame, self.pose):
-            return self._lost(frame)
-        self.status = Status.RECOVERED if self.status is Status.LOST else Status.TRACKED
-        return self.head.estimate(frame, self.status, self.pose)
+    def _follow(self, view: View) -> Pose | None:
+        measured = self._measure(view, self.pose, self._base_frames())
+        return self._fuse(view, measured) if measured else None
+
+    def _recover(self, view: View, start: Pose) -> Pose | None:
+        """Register with every keyframe; the best result replaces the predicted pose."""
+        keyframes = range(len(self.frames) - 1)
+        tried = [m for i in keyframes for m in self._measure(view, Pose(self.frames[i].pose.R, start.t), [i])]
+        if not tried:
+            return None
+        best = max(tried, key=lambda m: m[1].correlation)
+        self.pose = best[1].pose
+        n = len(self.covariance)  # the previous pose carries no information about this one
+        self.covariance[n - 6 :, :] = self.covariance[:, n - 6 :] = 0
+        self.covariance[n - 6 :, n - 6 :] = np.eye(6)
+        return self._fuse(view, [best])
 
     def _base_frames(self) -> list[int]:
         """Indices of the `frames` to register with: the previous one and, with keyframes, the first and the nearest."""
@@ -128,8 +117,8 @@ class MorencyTracker:
         """The template of a base frame, at its current pose estimate."""
         return take_template(self.head.surface, self.frames[i].view, self.frames[i].pose)
 
-    def _fuse(self, view: View, measured: list[tuple[int, Registration]]) -> None:
-        """Kalman update of the poses of all base frames and of this frame, which becomes the previous one."""
+    def _fuse(self, view: View, measured: list[tuple[int, Registration]]) -> Pose:
+        """Kalman update of the poses of all base frames and of this frame, which becomes the previous one; its pose."""
         pose, P = self.pose, self._predicted_covariance()
         n = len(self.frames)
         H = np.zeros((6 * len(measured), 6 * (n + 1)))
@@ -146,6 +135,7 @@ class MorencyTracker:
         self.frames = [replace(f, pose=f.pose.moved(d)) for f, d in zip(self.frames, step, strict=False)]
         self.pose = pose.moved(step[-1])
         self._keep(BaseFrame(view, self.pose), 0.5 * (P + P.T))
+        return self.pose
 
     def _predicted_covariance(self) -> Array:
         """Covariance of the base frames and of this frame, predicted at the pose of the previous one."""
@@ -166,27 +156,6 @@ class MorencyTracker:
         rows = np.concatenate([np.arange(6 * i, 6 * i + 6) for i in kept])
         self.covariance = P[np.ix_(rows, rows)]
 
-    def _search(self, frame: Frame) -> tuple[View | None, list[tuple[int, Registration]]]:
-        """Search for a lost head: at the best match of the first face, register with every keyframe; take the best."""
-        t = self.head.relocate(frame).t
-        view = look(frame, Pose(self.pose.R, t), self.head.camera)
-        if view is None:
-            return None, []
-        keyframes = range(len(self.frames) - 1)
-        tried = [m for i in keyframes for m in self._measure(view, Pose(self.frames[i].pose.R, t), [i])]
-        if not tried:
-            return None, []
-        best = max(tried, key=lambda m: m[1].correlation)
-        self.pose = best[1].pose
-        n = len(self.covariance)  # the previous pose carries no information about this one
-        self.covariance[n - 6 :, :] = self.covariance[:, n - 6 :] = 0
-        self.covariance[n - 6 :, n - 6 :] = np.eye(6)
-        return view, [best]
-
-    def _lost(self, frame: Frame) -> Estimate:
-        self.status = Status.LOST
-        return self.head.lost(frame, self.pose)
-
 
 def _difference(a: Pose, b: Pose) -> Array:
     """Step (6,) with `b.moved(step) == a`."""
@@ -201,5 +170,4 @@ def _measurement_covariance(r: Registration, base: Pose) -> Array:
 
 def weights(r: Residuals) -> Array:
     """Weights by projected density, reduced at points where the frame differs much from the template."""
-    sd = 1.0 + 1.4826 * float(np.median(np.abs(r.e)))
-    return np.asarray(1e-6 + r.cosine / (1 + (r.e / (2 * sd)) ** 2))
+    return np.asarray(1e-6 + r.cosine / (1 + (r.e / (2 * robust_sd(r.e))) ** 2))

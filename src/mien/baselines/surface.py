@@ -291,3 +291,8 @@ def correlation(a: Array, b: Array, w: Array) -> float:
     a, b = a - np.average(a, weights=w), b - np.average(b, weights=w)
     scale = np.sqrt((w * a * a).sum() * (w * b * b).sum())
     return float((w * a * b).sum() / scale) if scale > 1e-9 else 0.0
+
+
+def robust_sd(e: Array) -> float:
+    """Robust standard deviation of residuals in grey values, at least one."""
+    return 1.0 + 1.4826 * float(np.median(np.abs(e)))

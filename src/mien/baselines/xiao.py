@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.arrays import Array
-from mien.baselines.rigid_head import RigidHead
+from mien.baselines.rigid_tracker import RigidTracker
 from mien.baselines.surface import (
     Pose,
     Registration,
@@ -28,17 +28,11 @@ from mien.baselines.surface import (
     Template,
     View,
     cylinder,
-    look,
-    look_first,
     register,
+    robust_sd,
     take_template,
 )
-from mien.frame import Frame
-from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
-from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status, require_next_of
 
 LEAST_CORRELATION = 0.7
 """Correlation below which a frame does not match the template."""
@@ -55,37 +49,33 @@ class Reference:
     pose: Pose
 
 
-class XiaoTracker:
+class XiaoTracker(RigidTracker):
     """Cylinder with a dynamic template and re-registration; without `reregister`, only the template."""
+
+    surface_of = staticmethod(cylinder)
 
     def __init__(self, *, reregister: bool = True) -> None:
         self.reregister = reregister
-        self.size: tuple[int, int] | None = None
 
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Fit the cylinder to the face; its appearance is the template and the first reference."""
-        landmarks.check(frame.width, frame.height)
-        self.size = frame.width, frame.height
-        fit = fit_first_frame(landmarks, camera)
-        self.head = RigidHead.from_first_frame(frame, fit, camera, cylinder(fit))
-        self.pose, self.status = self.head.first, Status.INITIALIZED
-        self.template = take_template(self.head.surface, look_first(frame, self.pose, camera), self.pose)
+    def _learn(self, view: View) -> None:
+        self.template = take_template(self.head.surface, view, self.pose)
         self.references = [Reference(self.template, self.pose)]
-        return self.head.estimate(frame, self.status, self.pose)
 
-    def track(self, frame: Frame) -> Estimate:
-        """Register with the last frame, then with the nearest reference, and update the template."""
-        require_next_of(self.size, frame)
-        view = look(frame, self.pose, self.head.camera)
-        found = None if view is None else self._register(self.template, view, self.pose, LEAST_CORRELATION)
-        if found is None and self.status is Status.LOST:
-            view, found = self._search(frame)
-        if found is None or view is None or not self.head.in_sight(frame, found.pose):
-            return self._lost(frame)
-        self.pose = self._reregister(view, found.pose) if self.reregister else found.pose
+    def _follow(self, view: View) -> Pose | None:
+        found = self._register(self.template, view, self.pose, LEAST_CORRELATION)
+        return None if found is None else found.pose
+
+    def _recover(self, view: View, start: Pose) -> Pose | None:
+        """Register with every reference, and take the best."""
+        starts = [(r.template, Pose(r.pose.R, start.t)) for r in self.references]
+        tried = [self._register(template, view, start, LEAST_REFERENCE_CORRELATION) for template, start in starts]
+        best = max((r for r in tried if r is not None), key=lambda r: r.correlation, default=None)
+        return None if best is None else best.pose
+
+    def _adapt(self, view: View) -> None:
+        if self.reregister:
+            self.pose = self._reregister(view, self.pose)
         self._update_template(view)
-        self.status = Status.RECOVERED if self.status is Status.LOST else Status.TRACKED
-        return self.head.estimate(frame, self.status, self.pose)
 
     def _register(self, template: Template, view: View, start: Pose, least: float) -> Registration | None:
         r = register(self.head.surface, template, view, start, weights)
@@ -106,32 +96,12 @@ class XiaoTracker:
         new = take_template(self.head.surface, view, self.pose)
         both = self.template.known & new.known
         e = np.where(both, self.template.values[-1] - new.values[-1], 0.0)
-        outlier = both & (np.abs(e) > 3 * _scale(e[both])) if both.any() else both
+        outlier = both & (np.abs(e) > 3 * robust_sd(e[both])) if both.any() else both
         self.template = replace(new, values=np.where(outlier, self.template.values, new.values))
-
-    def _search(self, frame: Frame) -> tuple[View | None, Registration | None]:
-        """Search for a lost head: at the best match of the first face, register with every reference, and take the
-        best."""
-        t = self.head.relocate(frame).t
-        view = look(frame, Pose(self.pose.R, t), self.head.camera)
-        if view is None:
-            return None, None
-        starts = [(r.template, Pose(r.pose.R, t)) for r in self.references]
-        tried = [self._register(template, view, start, LEAST_REFERENCE_CORRELATION) for template, start in starts]
-        return view, max((r for r in tried if r is not None), key=lambda r: r.correlation, default=None)
-
-    def _lost(self, frame: Frame) -> Estimate:
-        self.status = Status.LOST
-        return self.head.lost(frame, self.pose)
 
 
 def weights(r: Residuals) -> Array:
     """Product of the paper's three weights: residual (non-rigid motion, occlusion), projection density, gradient."""
-    residual = np.exp(-0.5 * (r.e / (2 * _scale(r.e))) ** 2)
+    residual = np.exp(-0.5 * (r.e / (2 * robust_sd(r.e))) ** 2)
     gradient = 1 - np.exp(-0.5 * (r.gradient / (np.median(r.gradient) + 1e-6)) ** 2)
     return np.asarray(1e-6 + residual * r.cosine * gradient)
-
-
-def _scale(e: Array) -> float:
-    """Robust standard deviation of residuals in grey values, at least one."""
-    return 1.0 + 1.4826 * float(np.median(np.abs(e)))
