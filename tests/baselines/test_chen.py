@@ -1,21 +1,12 @@
-"""Chen and Davoine 2006: statistics over the views, a small motion, a black frame."""
+"""Chen and Davoine 2006: a small motion, a black frame."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mien.baselines.chen import ChenTracker, PatchStatistics
+from mien.baselines.chen import ChenTracker
 from mien.tracking.state import Status
 from small_motion import face, run, small_motion, turn_error_deg
-
-
-def test_statistics_by_hand() -> None:
-    samples = np.array([[[1.0, 0.0]], [[3.0, 0.0]]], np.float32)  # two views, one landmark, two values
-    statistics = PatchStatistics.learn(samples, floor=0.25)
-    np.testing.assert_allclose(statistics.mean, [[2, 0]])
-    np.testing.assert_allclose(statistics.variance, [[1, 0.25]])
-    np.testing.assert_allclose(statistics.squared_distance(np.array([[4.0, 1.0]], np.float32)), [4 + 4])
-    np.testing.assert_allclose(statistics.correlation(np.array([[0.6, 0.8]], np.float32)), [0.6])
 
 
 def test_a_small_motion_is_recovered() -> None:

@@ -16,10 +16,11 @@ from mien.candide.model import MOUTH_TRIANGLES
 from mien.errors import require
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.initialization.fit import FirstFrame, fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.fit import fit_first_frame
+from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES, Landmarks
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.paper import CROP_SIZE_UNITS, in_view
+from mien.tracking.prior import state_sd
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_next_of, unpack
 
 PIXELS_PER_UNIT = 64.0
@@ -27,6 +28,29 @@ PIXELS_PER_UNIT = 64.0
 CROP_SIZE = round(CROP_SIZE_UNITS * PIXELS_PER_UNIT)
 BLUR = 1.0
 """Standard deviation, in crop pixels, of the Gaussian that smooths frames and views."""
+SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.05)
+"""Standard deviations of the initial simplex around the last state, in the trackers that minimise by one."""
+
+
+@dataclass(frozen=True)
+class CroppedFrame:
+    """A smoothed frame around a face, in which the face has the same size as in the rendered views."""
+
+    camera: Camera
+    crop: Crop
+    gray: Float32
+
+    @classmethod
+    def around(cls, b: Array, frame: Frame, camera: Camera, *, upright: bool = True) -> CroppedFrame:
+        """Around the face in state b; without `upright`, the crop rolls with the face."""
+        R, t, _ = unpack(b)
+        crop = crop_of_face(R, t, camera, PIXELS_PER_UNIT, CROP_SIZE, upright=upright)
+        return cls(camera, crop, crop.sample(frame, BLUR))
+
+    def points(self, model: LandmarkModel, b: Array) -> Array:
+        """Crop points (n, 2) of what a model has, in state b."""
+        p, _ = self.camera.project(model.in_camera(b))
+        return self.crop.to_crop(p)
 
 
 @dataclass(frozen=True)
@@ -97,6 +121,15 @@ class CandideTracker(ABC):
     def _adapt(self, frame: Frame) -> None:  # noqa: B027 (most of these trackers do not)
         """Learn from a tracked frame, whose state is `b`."""
 
+    def _views(self, frame: Frame, rotations: Sequence[Array]) -> Iterator[tuple[Float32, Array]]:
+        """Rotated views of the first frame's face: smoothed grey crops, and the landmarks (26, 2) in them.
+
+        The mouth opening has its own triangles; otherwise features at the lips would see through it.
+        """
+        triangles = np.vstack([self.fit.model.triangles, MOUTH_TRIANGLES])
+        views = rendered_views(frame, self.fit, self.camera, triangles, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)
+        return ((image, p[VERTICES]) for image, p in views)
+
     def _lost(self, frame: Frame, reason: str) -> Estimate:
         self._was_lost = True
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
@@ -107,23 +140,6 @@ class CandideTracker(ABC):
         tracked = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X)
         reported = animation if self.animated else None
         return Estimate(frame.index, frame.time, status, R, t, reported, None, tracked, 1.0, self.fit.mm_per_unit)
-
-
-def face_crop(b: Array, camera: Camera, *, upright: bool = True) -> Crop:
-    """The crop around the face in state b, in which the face has the same size as in the rendered views."""
-    R, t, _ = unpack(b)
-    return crop_of_face(R, t, camera, PIXELS_PER_UNIT, CROP_SIZE, upright=upright)
-
-
-def views_of_first_frame(
-    frame: Frame, fit: FirstFrame, camera: Camera, rotations: Sequence[Array]
-) -> Iterator[tuple[Float32, Array]]:
-    """Rotated views of the first frame's face: smoothed grey crops, and the vertices (V, 2) in them.
-
-    The mouth opening has its own triangles; otherwise features at the lips would see through it.
-    """
-    triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
-    return rendered_views(frame, fit, camera, triangles, rotations, PIXELS_PER_UNIT, CROP_SIZE, BLUR)
 
 
 def require_scikit_learn(tracker: str) -> None:

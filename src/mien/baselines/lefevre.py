@@ -18,23 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mien.appearance.crop import Crop
 from mien.appearance.views import view_rotations
 from mien.arrays import Array, Float32, Mask
-from mien.baselines.candide_tracker import BLUR, CandideTracker, SearchResult, face_crop, views_of_first_frame
-from mien.baselines.chen import PatchStatistics
-from mien.baselines.patches import read_patches, sample
+from mien.baselines.candide_tracker import SIMPLEX_SD, CandideTracker, CroppedFrame, SearchResult
+from mien.baselines.patch_statistics import PatchStatistics, landmark_patches
+from mien.baselines.patches import sample
 from mien.frame import Frame
-from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
-from mien.initialization.landmarks import VERTICES
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import GaussianPrior, state_sd
 from mien.tracking.state import unpack
 
-PATCH_SIZE, PATCH_STEP = 9, 2.0
-VARIANCE_FLOOR = 2e-3
 FACE_POINTS, SIDE_POINTS = 200, 60
 """Number of random points on the face, and on both sides of the head together."""
 SIDES = ((47, 62, 61, 63), (14, 29, 28, 30))
@@ -48,7 +43,6 @@ INITIAL_SD, LEAST_SD = 12.0, 6.0
 FORGETTING = 0.1
 STRUCTURE_WEIGHT, APPEARANCE_WEIGHT = 30.0, 30.0
 DYNAMIC_SD = state_sd(5.0, 0.15, 0.4, 0.15)
-SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.05)
 
 
 @dataclass(frozen=True)
@@ -146,25 +140,20 @@ def robust(squared: Float32) -> Float32:
 class StructureAndAppearance:
     """The error of a state in one frame. visible: (n,) mask of the surface points that are used in this frame."""
 
+    frame: CroppedFrame
     landmarks: LandmarkModel
     structure: PatchStatistics
     points: SurfacePoints
     appearance: Appearance
     visible: Mask
     prior: GaussianPrior
-    camera: Camera
-    crop: Crop
-    gray: Float32
 
     def patches(self, b: Array) -> Float32:
-        return read_patches(self.gray, self._project(self.landmarks, b), PATCH_SIZE, PATCH_STEP)
+        return landmark_patches(self.frame.gray, self.frame.points(self.landmarks, b))
 
     def values(self, b: Array) -> Float32:
         """Grey values (n,) at the points of the surface."""
-        return sample(self.gray, self._project(self.points.model, b))
-
-    def _project(self, model: LandmarkModel, b: Array) -> Array:
-        return self.crop.to_crop(self.camera.project(model.in_camera(b))[0])
+        return sample(self.frame.gray, self.frame.points(self.points.model, b))
 
     def energy(self, b: Array) -> float:
         patches = self.patches(b)
@@ -187,9 +176,7 @@ class LefevreTracker(CandideTracker):
         self._side_points = side_points
 
     def _learn(self, frame: Frame) -> None:
-        views = views_of_first_frame(frame, self.fit, self.camera, view_rotations())
-        samples = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
-        self.structure = PatchStatistics.learn(np.stack(samples), VARIANCE_FLOOR)
+        self.structure = PatchStatistics.of_views(self._views(frame, view_rotations()))
         self.points = SurfacePoints.draw(self.fit, np.random.default_rng(0), self._side_points)
         self.appearance = Appearance.unseen(len(self.points.normals))
         self._adapt(frame)
@@ -204,15 +191,12 @@ class LefevreTracker(CandideTracker):
         self.appearance = self.appearance.adapt(values, self.points.facing(self.b))
 
     def _problem(self, frame: Frame) -> StructureAndAppearance:
-        crop = face_crop(self.b, self.camera)
         return StructureAndAppearance(
+            CroppedFrame.around(self.b, frame, self.camera),
             self.landmarks,
             self.structure,
             self.points,
             self.appearance,
             self.points.facing(self.b) & self.appearance.known,
             GaussianPrior(self.b, DYNAMIC_SD),
-            self.camera,
-            crop,
-            crop.sample(frame, BLUR),
         )

@@ -24,18 +24,15 @@ from mien.appearance.crop import Crop
 from mien.appearance.views import rotation, tilt_pan_of
 from mien.arrays import Array, Float32
 from mien.baselines.candide_tracker import (
-    BLUR,
     CandideTracker,
+    CroppedFrame,
     SearchResult,
-    face_crop,
     require_scikit_learn,
-    views_of_first_frame,
 )
 from mien.baselines.patches import read_patches
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, hat, log
-from mien.initialization.landmarks import VERTICES
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.state import unpack
 
@@ -180,9 +177,8 @@ class SaragihTracker(CandideTracker):
     def _learn_experts(self, frame: Frame, pan_deg: float) -> Experts:
         pans = pan_deg + np.array([-20.0, -10.0, 0.0, 10.0, 20.0])
         rotations = [rotation(*np.radians([tilt, pan, 0.0])) for tilt, pan in product(TILTS_DEG, pans)]
-        views = views_of_first_frame(frame, self.fit, self.camera, rotations)
-        samples = np.stack([_training_patches(image, p[VERTICES]) for image, p in views])  # (views, n, points, D)
-        samples = np.moveaxis(samples, 0, 1)
+        views = self._views(frame, rotations)
+        samples = np.stack([_training_patches(image, p) for image, p in views], axis=1)  # (n, views, points, D)
         n, D = samples.shape[0], samples.shape[-1]
         return Experts.learn(samples[:, :, 0], samples[:, :, 1:].reshape(n, -1, D))
 
@@ -190,23 +186,21 @@ class SaragihTracker(CandideTracker):
         b = self.b
         for radius in WINDOW_RADII:
             b = self._fit(frame, b, radius)
-        crop, gray, experts = self._crop_and_experts(frame, b)
-        p, _ = self.camera.project(self.landmarks.in_camera(b))
-        return SearchResult(b, float(experts.at(gray, crop.to_crop(p)).mean()))
+        cropped, experts = self._crop_and_experts(frame, b)
+        return SearchResult(b, float(experts.at(cropped.gray, cropped.points(self.landmarks, b)).mean()))
 
-    def _crop_and_experts(self, frame: Frame, b: Array) -> tuple[Crop, Float32, Experts]:
-        """The crop around the face in state b, its grey values, and the experts for its pan."""
-        crop = face_crop(b, self.camera, upright=False)
+    def _crop_and_experts(self, frame: Frame, b: Array) -> tuple[CroppedFrame, Experts]:
+        """The frame around the face in state b, and the experts for its pan."""
         _, pan = tilt_pan_of(unpack(b)[0])
         nearest = int(np.argmin(np.abs(np.degrees(pan) - np.array(PANS_DEG))))
-        return crop, crop.sample(frame, BLUR), self.experts[nearest]
+        return CroppedFrame.around(b, frame, self.camera, upright=False), self.experts[nearest]
 
     def _fit(self, frame: Frame, b: Array, radius: int) -> Array:
-        crop, gray, experts = self._crop_and_experts(frame, b)
+        cropped, experts = self._crop_and_experts(frame, b)
         p, _ = self.camera.project(self.landmarks.in_camera(b))
-        corners = np.round(crop.to_crop(np.nan_to_num(p))) - radius
-        maps = experts.responses(gray, corners, 2 * radius + 1)
-        search = MeanShift(self.landmarks, self.camera, crop, maps, corners)
+        corners = np.round(cropped.crop.to_crop(np.nan_to_num(p))) - radius
+        maps = experts.responses(cropped.gray, corners, 2 * radius + 1)
+        search = MeanShift(self.landmarks, self.camera, cropped.crop, maps, corners)
         for rho in np.repeat(SMOOTHING, STEPS):
             b = search.step(b, float(rho))
         return b

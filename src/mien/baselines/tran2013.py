@@ -20,24 +20,20 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_diag
 
-from mien.appearance.crop import Crop
 from mien.appearance.views import rotation
 from mien.arrays import Array, Float32
 from mien.baselines.candide_tracker import (
-    BLUR,
+    SIMPLEX_SD,
     CandideTracker,
+    CroppedFrame,
     SearchResult,
-    face_crop,
     require_scikit_learn,
-    views_of_first_frame,
 )
 from mien.baselines.patches import read_patches
 from mien.frame import Frame
-from mien.geometry.camera import Camera
 from mien.initialization.landmarks import VERTICES
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.optimizers import Simplex
-from mien.tracking.prior import state_sd
 
 PATCH_SIZE, PATCH_STEP = 7, 2.5
 VIEW_ANGLES_DEG = (-30.0, -15.0, 0.0, 15.0, 30.0)
@@ -45,8 +41,6 @@ SPARSITY = 0.1
 """Weight of the l1 norm of a patch's coefficients against half its squared residual; the patch has unit length."""
 TOLERANCE, SWEEPS = 1e-2, 1000
 """Stopping criteria of coordinate descent: the relative dual gap, and the maximum number of passes."""
-SIMPLEX_SD = state_sd(2.0, 0.05, 0.15, 0.0)[:6]
-"""Standard deviations of the initial simplex around the last pose."""
 
 
 class Codebook:
@@ -79,14 +73,12 @@ class SparseEnergy:
 
     landmarks: LandmarkModel
     animation: Array
-    camera: Camera
-    crop: Crop
-    gray: Float32
+    frame: CroppedFrame
     codebook: Codebook
 
     def residuals(self, pose: Array) -> Float32:
-        p, _ = self.camera.project(self.landmarks.in_camera(np.concatenate([pose, self.animation])))
-        return self.codebook.residuals(read_patches(self.gray, self.crop.to_crop(p), PATCH_SIZE, PATCH_STEP))
+        p = self.frame.points(self.landmarks, np.concatenate([pose, self.animation]))
+        return self.codebook.residuals(read_patches(self.frame.gray, p, PATCH_SIZE, PATCH_STEP))
 
     def energy(self, pose: Array) -> float:
         return float(self.residuals(pose).sum())
@@ -103,17 +95,15 @@ class Tran2013Tracker(CandideTracker):
 
     def __init__(self, evaluations: int = 150) -> None:
         require_scikit_learn("tran-2013")
-        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(0))
+        self._simplex = Simplex(SIMPLEX_SD[:6], evaluations, np.random.default_rng(0))
 
     def _learn(self, frame: Frame) -> None:
         rotations = [rotation(*np.radians([*angles, 0.0])) for angles in product(VIEW_ANGLES_DEG, VIEW_ANGLES_DEG)]
-        views = views_of_first_frame(frame, self.fit, self.camera, rotations)
-        patches = [read_patches(image, p[VERTICES], PATCH_SIZE, PATCH_STEP) for image, p in views]
+        patches = [read_patches(image, p, PATCH_SIZE, PATCH_STEP) for image, p in self._views(frame, rotations)]
         self.codebook = Codebook(np.stack(patches, axis=1))
 
     def _search(self, frame: Frame) -> SearchResult:
-        crop = face_crop(self.b, self.camera, upright=False)
-        gray = crop.sample(frame, BLUR)
-        problem = SparseEnergy(self.landmarks, self.fit.animation, self.camera, crop, gray, self.codebook)
+        cropped = CroppedFrame.around(self.b, frame, self.camera, upright=False)
+        problem = SparseEnergy(self.landmarks, self.fit.animation, cropped, self.codebook)
         found = self._simplex.minimize(problem, self.b[:6])
         return SearchResult(np.concatenate([found.b, self.fit.animation]), 1 - found.energy / len(VERTICES))
