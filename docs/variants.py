@@ -12,7 +12,8 @@ from typing import Any
 
 from mien.baselines.la_cascia import LaCasciaTracker, warping_templates
 from mien.baselines.morency import MorencyTracker
-from mien.baselines.surface import Pose, View
+from mien.baselines.surface import Pose
+from mien.baselines.view import View
 from mien.baselines.xiao import XiaoTracker
 from mien.config import PaperSettings
 from mien.tracking.paper import PaperTracker

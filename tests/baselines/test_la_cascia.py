@@ -12,7 +12,8 @@ from mien.baselines.la_cascia import (
     solve,
     warping_templates,
 )
-from mien.baselines.surface import Pose, cylinder, look, take_template
+from mien.baselines.surface import Pose, cylinder
+from mien.baselines.view import look, take_template
 from mien.frame import Frame
 from mien.geometry.rotation import angle_between
 from mien.synthetic import make_sequence, moved

@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 
 from mien.arrays import Array
-from mien.baselines.surface import (
-    Pose,
-    Residuals,
-    Surface,
-    compare,
-    correlation,
-    cylinder,
-    ellipsoid,
-    look,
-    register,
-    take_template,
-)
+from mien.baselines.registration import Residuals, compare, correlation, register
+from mien.baselines.surface import Pose, Surface, cylinder, ellipsoid
+from mien.baselines.view import look, take_template
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, angle_between

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mien.baselines.surface import Residuals
+from mien.baselines.registration import Residuals
 from mien.baselines.xiao import XiaoTracker, weights
 from mien.geometry.rotation import angle_between
 from mien.synthetic import SyntheticSequence, make_sequence, moved

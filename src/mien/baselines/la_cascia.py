@@ -23,17 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mien.arrays import Array
+from mien.baselines.registration import correlation, is_plausible_motion
 from mien.baselines.rigid_tracker import RigidTracker
-from mien.baselines.surface import (
-    Pose,
-    Surface,
-    Template,
-    View,
-    correlation,
-    cylinder,
-    is_plausible_motion,
-    take_template,
-)
+from mien.baselines.surface import Pose, Surface, cylinder
+from mien.baselines.view import Template, View, take_template
 from mien.geometry.rotation import exp
 
 ITERATIONS = 12

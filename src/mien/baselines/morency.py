@@ -21,18 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.arrays import Array
+from mien.baselines.registration import Registration, Residuals, register, robust_sd
 from mien.baselines.rigid_tracker import RigidTracker
-from mien.baselines.surface import (
-    Pose,
-    Registration,
-    Residuals,
-    Template,
-    View,
-    ellipsoid,
-    register,
-    robust_sd,
-    take_template,
-)
+from mien.baselines.surface import Pose, ellipsoid
+from mien.baselines.view import Template, View, take_template
 from mien.geometry.rotation import angle_between, log
 
 KEYFRAME_SPACING_DEG = 10.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from mien.baselines.rigid_head import RigidHead
-from mien.baselines.surface import Pose, Surface, View, look, look_first
+from mien.baselines.surface import Pose, Surface
+from mien.baselines.view import View, look, look_first
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame

@@ -20,18 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.arrays import Array
+from mien.baselines.registration import Registration, Residuals, register, robust_sd
 from mien.baselines.rigid_tracker import RigidTracker
-from mien.baselines.surface import (
-    Pose,
-    Registration,
-    Residuals,
-    Template,
-    View,
-    cylinder,
-    register,
-    robust_sd,
-    take_template,
-)
+from mien.baselines.surface import Pose, cylinder
+from mien.baselines.view import Template, View, take_template
 from mien.geometry.rotation import angle_between
 
 LEAST_CORRELATION = 0.7
