@@ -12,6 +12,7 @@ from mien.baselines.morency import MorencyTracker
 from mien.baselines.rigid_head import RigidHead
 from mien.baselines.surface import Pose, cylinder
 from mien.baselines.xiao import XiaoTracker
+from mien.frame import Frame
 from mien.geometry.rotation import FACING, exp
 from mien.synthetic import make_sequence, moved
 from mien.tracking.state import Status, Tracker
@@ -52,3 +53,11 @@ def test_a_face_that_leaves_the_image_is_lost_and_found_again(make: Callable[[],
     assert all(e.rotation is None and e.reason for e in lost)
     assert estimates[-1].translation is not None
     np.testing.assert_allclose(estimates[-1].translation, face().fit.t, atol=0.15)
+
+
+@pytest.mark.parametrize("make", [LaCasciaTracker, XiaoTracker, MorencyTracker])
+def test_a_face_is_lost_in_a_frame_without_contrast(make: Callable[[], Tracker]) -> None:
+    tracker = make()
+    tracker.initialize(face().frame, face().landmarks, face().camera)
+    plain = Frame(np.zeros_like(face().frame.pixels), 1)
+    assert [tracker.track(plain).status for _ in range(2)] == [Status.LOST] * 2

@@ -85,6 +85,8 @@ def register(
             w = weights(r)
             WJ = r.J * w[:, None]
             H = r.J.T @ WJ
+            if not H.any():  # an image without contrast
+                return None
             H += DAMPING * np.trace(H) / 6 * np.eye(6)
             step = np.linalg.solve(H, WJ.T @ r.e)
             pose = pose.moved(step)
