@@ -9,69 +9,34 @@ columns see every third frame alone.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import KINDS, prepare, score, thinned
 
 from mien.appearance.regression import PoseRegression
-from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, Candide
 from mien.config import RealtimeSettings
 from mien.config.realtime import AxesSettings, CovarianceSettings, ViewSettings
 from mien.errors import require
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.datasets.sequence import Sequence, Truth
-from mien.evaluation.formats import to_markdown
-from mien.evaluation.plan import Evaluation
-from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
-from mien.evaluation.results import SequenceResult, TrackTable
-from mien.evaluation.scores import Score, Scores, pooled_errors
-from mien.evaluation.tables import Table
+from mien.evaluation.scores import Score, pooled_errors
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization import fit
-from mien.initialization.detector import detect
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
 from mien.tracking.realtime import RealtimeTracker, learning, person, tracker
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
-from mien.tracking.state import Estimate, Tracker
-from mien.video import open_video
+from mien.tracking.state import Estimate
 
-KINDS = ("uniform", "expression", "light", "occluded", "wide")
 STEP = 3
 MOUTH = [TRACKED_UNITS.index(unit) for unit in ("jaw_drop", "lip_stretcher")]
-
-
-@dataclass(frozen=True)
-class Run:
-    """A sequence as a tracker sees it: some of its frames, their truth, landmarks of the first."""
-
-    sequence: Sequence
-    frames: list[Frame]
-    truth: Truth
-    landmarks: Landmarks
-
-
-def prepare(sequence: Sequence) -> Run:
-    """Decode a sequence and find its face. Raises MienError where there is none."""
-    frames = list(open_video(sequence.video))
-    faces = detect(frames[0])
-    require(bool(faces), f"{sequence.video}: no face was found in the first frame; leave the sequence out")
-    return Run(sequence, frames, sequence.read_truth(len(frames)), faces[0])
-
-
-def thinned(run: Run, step: int) -> Run:
-    """Every step-th frame of a run."""
-    frames = run.frames[::step]
-    rotations, expression = (None if a is None else a[::step] for a in (run.truth.rotations, run.truth.expression))
-    truth = replace(run.truth, frames=len(frames), rotations=rotations, expression=expression, landmarks=None)
-    return replace(run, frames=frames, truth=truth)
 
 
 class FrontalAppearance(RealtimeTracker):
@@ -240,41 +205,6 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "eyes that look strange not adapted": _set("adaptation", forgetting=0),
     "turned faces not learned": _set("adaptation", view_rate=0),
 }
-
-
-def track(tracker: Tracker, run: Run) -> list[Estimate]:
-    """A new tracker's estimates of every frame."""
-    first = run.frames[0]
-    begun = tracker.initialize(first, run.landmarks, run.sequence.camera_for(first.width, first.height))
-    return [begun, *(tracker.track(frame) for frame in run.frames[1:])]
-
-
-def rotations_of(estimates: list[Estimate]) -> Array:
-    """Rotations (n, 3, 3) of estimates, NaN where the face is lost."""
-    return np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
-
-
-def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
-    """What a tracker makes of a run."""
-    return scored(track(make(), run), run)
-
-
-def scored(estimates: list[Estimate], run: Run) -> Score:
-    """Estimates of every frame of a run beside its truth."""
-    sequence, table = run.sequence, TrackTable.from_estimates(estimates)
-    result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
-    return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
-
-
-def print_tables(scores: Iterable[Score], tables: Iterable[Callable[[Scores], Table]]) -> None:
-    """Tables of `mien report` for what trackers made of runs, as Markdown."""
-    scores = tuple(scores)
-    trackers = tuple(dict.fromkeys(s.result.tracker for s in scores))
-    names, kinds = zip(*dict.fromkeys((s.result.sequence, s.result.kind) for s in scores), strict=True)
-    protocol = Protocol.REBASED
-    evaluation = Evaluation("rendered", protocol.value, "detected", DEFAULT_LOST_DEG, trackers, names, kinds, "")
-    for table in tables:
-        print(to_markdown(replace(table(Scores(evaluation, protocol, scores, ())), protocol=protocol.value)))
 
 
 def cells(every: list[Score], third: list[Score]) -> Iterator[str]:

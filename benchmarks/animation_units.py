@@ -17,10 +17,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare
-from inputs import carry_out, videos_of
-from recordings import seen_by_mediapipe
 from scipy.optimize import least_squares
+from shared.inputs import carry_out, videos_of
+from shared.recordings import seen_by_mediapipe
+from shared.runs import Run, prepare
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS

@@ -17,11 +17,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, rotations_of, scored, track
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import TRACKERS, Run, rotations_of, scored, track
 
 from mien.arrays import Array
-from mien.baselines.mediapipe import MediaPipeTracker
 from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence
@@ -31,7 +30,6 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, matrix_from_euler
 from mien.initialization.detector import detect
 from mien.initialization.straight import straightened
-from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Tracker
 from mien.video import open_video
 
@@ -40,7 +38,6 @@ TURNS_DEG = ((0, 0), (0, 10), (0, 20), (0, -10), (0, -20), (8, 0), (-8, 0))
 LATER_DEG = ((0, 0), (8, 15), (8, 30), (8, -30))
 """Tilt and pan of the camera after `TURNING` frames."""
 TURNING = 100
-TRACKERS: dict[str, type[Tracker]] = {"realtime": RealtimeTracker, "MediaPipe": MediaPipeTracker}
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from inputs import carry_out
-from recordings import asked, rotations, seen_by_mediapipe
+from shared.inputs import carry_out
+from shared.recordings import asked, rotations, seen_by_mediapipe
 
 import mien
 from mien.arrays import Array

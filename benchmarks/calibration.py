@@ -23,12 +23,11 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from ablation import Run, prepare, rotations_of, track
-from inputs import carry_out, truth_of
-from makehuman import MakeHuman
-from modelled_people import Character, Person, film, rendered_profile
-from turned_people import motion, turning
-from turned_start import begun_at
+from shared.inputs import carry_out, truth_of
+from shared.makehuman import MakeHuman
+from shared.people import Character, Person, film, rendered_profile
+from shared.runs import Run, begun_at, prepare, rotations_of, track
+from shared.turning import motion, turning
 
 from mien.arrays import Array
 from mien.errors import MienWarning

@@ -13,7 +13,7 @@ from pathlib import Path
 from shutil import copy
 
 import av
-from inputs import carry_out
+from shared.inputs import carry_out
 
 from mien.evaluation.datasets import load_dataset
 from mien.frame import Frame

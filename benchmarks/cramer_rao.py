@@ -13,8 +13,8 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from ablation import rotations_of
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import rotations_of
 
 from mien.arrays import Array, Mask, Pixels
 from mien.demo import NOISE_SD, demo_states

@@ -15,7 +15,7 @@ from time import perf_counter
 
 import cv2
 import numpy as np
-from inputs import carry_out, videos_of
+from shared.inputs import carry_out, videos_of
 from skimage import data
 
 from mien.arrays import Pixels

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from inputs import carry_out, videos_of
+from shared.inputs import carry_out, videos_of
 
 from mien.arrays import Pixels
 from mien.errors import MienError, require

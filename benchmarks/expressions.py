@@ -13,8 +13,8 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from inputs import carry_out
-from recordings import asked, seen_by_mediapipe
+from shared.inputs import carry_out
+from shared.recordings import asked, seen_by_mediapipe
 
 import mien
 from mien.arrays import Array

@@ -13,8 +13,8 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare, track
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import Run, prepare, track
 
 from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset

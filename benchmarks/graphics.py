@@ -15,8 +15,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, prepare, rotations_of, scored, track
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import Run, prepare, rotations_of, scored, track
 
 from mien.arrays import Array, Pixels
 from mien.errors import require

@@ -16,7 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from inputs import carry_out
+from shared.inputs import carry_out
 
 from mien.arrays import Array
 from mien.errors import require

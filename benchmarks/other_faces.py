@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from filming import Studio, taken, write_film
-from inputs import carry_out, truth_of, videos_of
 from numpy.typing import NDArray
+from shared.filming import Studio, taken, write_film
+from shared.inputs import carry_out, truth_of, videos_of
 
 from mien.appearance.rendering import Texture, render
 from mien.appearance.surface import face_surface

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, prepare
-from inputs import carry_out, truth_of
+from shared.inputs import carry_out, truth_of
+from shared.runs import Run, prepare
 
 from mien.arrays import Array
 from mien.errors import require

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from ablation import Run, prepare, print_tables, score
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import Run, prepare, print_tables, score
 
 from mien.arrays import Pixels
 from mien.evaluation.datasets import load_dataset

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from ablation import prepare, print_tables, score
-from inputs import carry_out
+from shared.inputs import carry_out
+from shared.runs import prepare, print_tables, score
 
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence

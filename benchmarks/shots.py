@@ -16,9 +16,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from filming import write_film
-from inputs import carry_out
-from recordings import apart_deg, rotations
+from shared.filming import write_film
+from shared.inputs import carry_out
+from shared.recordings import apart_deg, rotations
 
 import mien
 from mien.arrays import Pixels

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from filming import write_film
-from inputs import carry_out, truth_of
+from shared.filming import triangulated, write_film
+from shared.inputs import carry_out, truth_of
 
 from mien.arrays import Array, Pixels
 from mien.evaluation.datasets import load_dataset
@@ -29,16 +29,6 @@ RIM_WIDTH = 0.22
 LENS_SHADE, REFLECTION = 0.12, 35.0
 SUPERSAMPLING = 4
 _RIGHT_EYE, _LEFT_EYE, _RIGHT_EAR, _LEFT_EAR, _BRIDGE = slice(36, 42), slice(42, 48), 0, 16, 27
-
-
-def triangulated(points: Array, R: Array, t: Array) -> Array:
-    """Points (k, 3) of the head from their images (n, k, 2) in n poses R (n, 3, 3), t (n, 3), by least squares."""
-    ray = (points - [CAMERA.cx, CAMERA.cy]) / CAMERA.focal_px
-    rows = R[:, None, :2] - ray[:, :, :, None] * R[:, None, 2:]
-    right = ray * t[:, None, 2:] - t[:, None, :2]
-    return np.stack(
-        [np.linalg.lstsq(rows[:, k].reshape(-1, 3), right[:, k].ravel(), rcond=None)[0] for k in range(points.shape[1])]
-    )
 
 
 def spectacles(head: Array) -> tuple[list[Array], list[Array]]:

@@ -13,8 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from inputs import carry_out
-from recordings import apart_deg, asked, rotations
+from shared.inputs import carry_out
+from shared.recordings import apart_deg, asked, rotations
 
 import mien
 from mien.arrays import Array

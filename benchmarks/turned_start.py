@@ -15,17 +15,16 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from ablation import KINDS as SEQUENCE_KINDS
-from ablation import Run, prepare, print_tables, score, scored
-from inputs import carry_out
-from recordings import apart_deg
+from shared.inputs import carry_out
+from shared.recordings import apart_deg
+from shared.runs import KINDS as SEQUENCE_KINDS
+from shared.runs import Run, begun_at, prepare, print_tables, score, scored
 
 from mien.arrays import Array
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.evaluation.tables import angles_by_kind, calibration
 from mien.frame import Frame
-from mien.initialization.detector import detect
 from mien.pipeline import run as both_ways
 from mien.start import first_frame
 from mien.start.footage import Footage
@@ -34,18 +33,6 @@ from mien.tracking.realtime import RealtimeTracker
 STEP = 25
 TURNS_DEG = (0, 5, 10, 15, 20, 30, 90)
 KINDS = tuple(f"{low} to {high} degrees" for low, high in pairwise(TURNS_DEG))
-
-
-def begun_at(run: Run, first: int) -> Run | None:
-    """A run from one of its frames to the end, and from there backwards; None where there is no such frame, or no face
-    is found in it."""
-    end = len(run.frames)
-    landmarks = detect(run.frames[first]) if first < end else []
-    if not landmarks or run.truth.rotations is None:
-        return None
-    order = [*range(first, end), *reversed(range(end - 1))]
-    truth = replace(run.truth, frames=len(order), rotations=run.truth.rotations[order], expression=None, landmarks=None)
-    return replace(run, frames=[run.frames[k] for k in order], truth=truth, landmarks=landmarks[0])
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from ablation import prepare
-from confidence import boards
-from inputs import carry_out, videos_of
 from scipy.optimize import minimize
+from shared.boards import boards
+from shared.inputs import carry_out, videos_of
+from shared.runs import prepare
 
 from mien.arrays import Array, Mask
 from mien.evaluation.datasets import load_dataset

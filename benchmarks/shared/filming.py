@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mien.arrays import Float32, Pixels
+from mien.arrays import Array, Float32, Pixels
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.geometry.camera import Camera
 
@@ -51,3 +51,13 @@ def write_film(path: Path, pictures: Iterable[Pixels]) -> None:
     if writer:
         writer.release()
     print(path, flush=True)
+
+
+def triangulated(points: Array, R: Array, t: Array) -> Array:
+    """Points (k, 3) of the head from their images (n, k, 2) in n poses R (n, 3, 3), t (n, 3), by least squares."""
+    ray = (points - [CAMERA.cx, CAMERA.cy]) / CAMERA.focal_px
+    rows = R[:, None, :2] - ray[:, :, :, None] * R[:, None, 2:]
+    right = ray * t[:, None, 2:] - t[:, None, :2]
+    return np.stack(
+        [np.linalg.lstsq(rows[:, k].reshape(-1, 3), right[:, k].ravel(), rcond=None)[0] for k in range(points.shape[1])]
+    )
