@@ -17,9 +17,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mien import batch
 from mien._version import __version__
-from mien.batch import BatchOptions, find_videos, track_all
+from mien.batch import BatchOptions, find_videos, run, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
@@ -80,7 +79,7 @@ def code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, str]:
         program = said.get(row.video.name, COPY)
         return Command(row.video.name, (sys.executable, "-c", program, source, target, *ENDINGS))
 
-    monkeypatch.setattr(batch, "_command", command)
+    monkeypatch.setattr(run, "_command", command)
     return said
 
 
@@ -450,7 +449,7 @@ def test_a_video_that_can_no_longer_be_read_is_tried_again(
 
     out = tmp_path / "out"
     track_all([videos], out)
-    monkeypatch.setattr(batch, "checksum", checksum)
+    monkeypatch.setattr(run, "checksum", checksum)
     assert _states(track_all([videos], out)) == ["tracked"] * 3
 
 

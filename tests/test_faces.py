@@ -13,18 +13,10 @@ import numpy as np
 import pytest
 
 import mien
-from mien import faces
 from mien.errors import MienError, MienWarning
-from mien.faces import (
-    FaceBoxes,
-    Sighting,
-    TrackedFace,
-    _appearances,
-    _is_known,
-    _unknown_part,
-    _without_other_faces,
-    track_faces,
-)
+from mien.faces.sightings import Sighting, appearances_in
+from mien.faces.track import _Run, track_faces
+from mien.faces.tracked import FaceBoxes, TrackedFace, is_known, unknown_part, without_other_faces
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
@@ -163,7 +155,7 @@ def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
     other = _followed(
         [_at(0, 110.0, 0.5), _at(1, 110.0, 0.95), _at(2, 200.0, 0.5), *(_at(k, 110.0, 0.5) for k in (3, 4))], 1
     )
-    apart = _without_other_faces(other, [sure, other])
+    apart = without_other_faces(other, [sure, other])
     assert apart.status == ["lost", "tracked", "tracked", "lost", "tracked"]
     assert apart.table.column("reason").to_pylist() == ["face 0 is here", None, None, "face 0 is here", None]
     lost = apart.table.slice(0, 1).to_pylist()[0]
@@ -172,8 +164,8 @@ def test_of_two_tracks_with_a_face_the_less_certain_has_none() -> None:
     }  # fmt: skip
     assert (lost["confidence"], lost["success"]) == (0, 0)
     assert apart.table.slice(1, 2).equals(other.track.table.slice(1, 2))
-    assert _without_other_faces(sure, [sure, other]).status == ["tracked", "lost", "tracked", "tracked", "lost"]
-    assert _without_other_faces(sure, [sure]) is sure.track
+    assert without_other_faces(sure, [sure, other]).status == ["tracked", "lost", "tracked", "tracked", "lost"]
+    assert without_other_faces(sure, [sure]) is sure.track
 
 
 def _seen(k: int, x: float, size: float = 50.0) -> Sighting:
@@ -184,10 +176,10 @@ def test_an_appearance_is_what_is_seen_again_in_its_place() -> None:
     face, flash, other = (_seen(0, 100), _seen(5, 110), _seen(20, 125)), _seen(5, 300), (_seen(20, 200), _seen(25, 200))
     late = _seen(45, 100), _seen(50, 100)  # somebody may have come in the meantime
     looks = [[face[0]], [face[1], flash], [], [other[0], face[2]], [other[1]], [late[0]], [late[1]]]
-    assert _appearances(looks) == [list(face), list(other), list(late)]
-    assert _appearances([[flash]]) == [[flash]]  # of a video too short for two looks
+    assert appearances_in(looks) == [list(face), list(other), list(late)]
+    assert appearances_in([[flash]]) == [[flash]]  # of a video too short for two looks
     shots = [[replace(flash, index=10 * k, time=0.5 * k, cuts=k)] for k in range(3)]
-    assert _appearances(shots) == shots  # each of which is over before the next look
+    assert appearances_in(shots) == shots  # each of which is over before the next look
     assert not _seen(0, 100).is_at(_seen(0, 100, 100.0))
     assert replace(_seen(5, 100), cuts=1).distance_after([_seen(0, 100)]) == np.inf
 
@@ -196,18 +188,18 @@ def test_an_appearance_goes_on_where_it_went() -> None:
     """A face that walks by, faster than its size in a look, and one that stands where it passes."""
     walks, stands = [_seen(5 * k, 100 + 70 * k) for k in range(5)], [_seen(5 * k, 232) for k in range(5)]
     looks = [[w] if k == 2 else [w, s] for k, (w, s) in enumerate(zip(walks, stands, strict=True))]
-    assert _appearances(looks) == [walks, [s for k, s in enumerate(stands) if k != 2]]
+    assert appearances_in(looks) == [walks, [s for k, s in enumerate(stands) if k != 2]]
 
 
 def test_a_face_is_known_where_a_track_has_it() -> None:
     other = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4, Status.LOST if k > 7 else Status.TRACKED) for k in range(10))
-    assert _is_known(_seen(4, 105), [other])
+    assert is_known(_seen(4, 105), [other])
     for k, x in ((4, 200), (6, 100), (9, 100)):
-        assert not _is_known(_seen(k, x), [other])
-    assert not _is_known(_seen(4, 100), [])
+        assert not is_known(_seen(k, x), [other])
+    assert not is_known(_seen(4, 100), [])
     gaps = _followed(_at(k, 100.0, 0.9 if k < 5 else 0.4) for k in (0, 3, 4, 8, 9))  # images that could not be read
-    assert _is_known(_seen(4, 100), [gaps])
-    assert not _is_known(_seen(9, 100), [gaps])
+    assert is_known(_seen(4, 100), [gaps])
+    assert not is_known(_seen(9, 100), [gaps])
 
 
 def test_an_appearance_may_be_of_several_people(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,8 +212,8 @@ def test_an_appearance_may_be_of_several_people(monkeypatch: pytest.MonkeyPatch)
         people[appearance] -= 1
         return appearance if people[appearance] >= 0 else None
 
-    monkeypatch.setattr(faces._Run, "_track", track)
-    run = faces._Run(*[None] * 5, 4, 1, None)  # type: ignore[arg-type]
+    monkeypatch.setattr(_Run, "_track", track)
+    run = _Run(*[None] * 5, 4, 1, None)  # type: ignore[arg-type]
     assert run.track_all(list(people)) == ["first", "first", "third", "third"]  # type: ignore[arg-type]
     assert asked == [("first", 0), ("first", 1), ("first", 2), ("second", 2), ("third", 2), ("third", 3)]
 
@@ -233,7 +225,7 @@ def test_the_part_of_an_appearance_that_no_track_has() -> None:
 
     def unknown(have: Iterable[int]) -> list[Sighting]:
         track = _followed(_at(k, 100.0, 0.9 if k in have else 0.1) for k in range(40))
-        return _unknown_part(looks, [track])
+        return unknown_part(looks, [track])
 
     assert unknown(range(0)) == looks
     assert unknown(range(15)) == looks[3:]

@@ -33,7 +33,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 of one core. MediaPipe ignores this and starts its own threads: `Timing.busy_cores` tells what they use."""
 
 NOT_USED = (
-    "evaluation", "output", "pipeline", "start", "__main__.py", "batch.py", "cli.py", "demo.py", "faces.py", "live.py",
+    "batch", "evaluation", "faces", "output", "pipeline", "start", "__main__.py", "cli.py", "demo.py", "live.py",
     "processes.py", "synthetic.py", "worker.py",
 )  # fmt: skip
 """Parts of mien on which results do not depend, apart from `READERS`."""

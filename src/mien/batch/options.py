@@ -1,0 +1,88 @@
+"""What a batch is to make of every video, and whether what an earlier run has made is that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+from typing import Any
+from warnings import catch_warnings, simplefilter
+
+from mien._version import __version__
+from mien.errors import MienWarning
+from mien.output.destination import Destination
+from mien.registry import DEFAULT_PRESET, code_of, create_tracker, file_of
+from mien.start.footage import read_camera, requested_options
+from mien.tracking.abilities import settings_of
+
+OVERLAY_SUFFIX = ".overlay.mp4"
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """Options for every video: those of `mien.track`, what to draw, and whether to track finished videos again."""
+
+    preset: str = DEFAULT_PRESET
+    passes: int = 1
+    faces: int = 1
+    camera: Path | None = None
+    focal_px: float | None = None
+    fov_deg: float | None = None
+    start: float | None = None
+    end: float | None = None
+    at_once: bool = False
+    overlay: bool = False
+    plot: bool = False
+    again: bool = False
+
+    @property
+    def arguments(self) -> list[str]:
+        """The options as command-line arguments of `mien track`."""
+        given = {"--preset": self.preset, "--passes": self.passes, "--faces": self.faces, "--camera": self.camera}
+        given |= {"--focal": self.focal_px, "--fov": self.fov_deg, "--start": self.start, "--end": self.end}
+        pairs = ((name, str(value)) for name, value in given.items() if value is not None)
+        return [*chain.from_iterable(pairs), *["--at-once"] * self.at_once]
+
+    def match(self, metadata: Mapping[str, Any], table: Path) -> bool:
+        """Whether the track with this NAME.json is complete, from the same options and this version of mien, and has
+        the pictures of this table that are wanted."""
+        wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
+        wanted |= {"asked": requested_options(self, self.at_once), **self._contents(metadata.get("video", {}))}
+        overlay, plot = pictures_of(table)
+        wanted |= {"overlay": overlay.name} if self.overlay else {}
+        wanted |= {"plot": plot.name} if self.plot else {}
+        return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
+
+    def files_of(self, table: Path, faces: int) -> list[Path]:
+        """All files that are written for a video with this number of faces."""
+        overlay, plot = pictures_of(table)
+        files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
+        return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
+
+    def _contents(self, video: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings of the tracker and the camera that are given by files, as the NAME.json of a video has them, of
+        which `video` is the part with the size of its images."""
+        known = {"settings": self._settings} if self._settings else {}
+        if self.camera is not None:
+            size = (video["width"], video["height"]) if {"width", "height"} <= video.keys() else None
+            with catch_warnings():
+                simplefilter("ignore", MienWarning)  # of images of another size, as tracking has told
+                known["camera"] = asdict(read_camera(self.camera, size))
+        return known
+
+    @cached_property
+    def _settings(self) -> dict[str, Any] | None:
+        return None if file_of(self.preset) is None else settings_of(create_tracker(self.preset))
+
+    @property
+    def inputs(self) -> list[Path]:
+        """The files that `mien track` reads in addition to each video, and whose contents NAME.json does not have."""
+        file = None if self._settings else file_of(self.preset)
+        return [path for path in (file, code_of(self.preset)) if path is not None]
+
+
+def pictures_of(table: Path) -> tuple[Path, Path]:
+    """Paths of the overlay and the plot of a table."""
+    return table.with_name(f"{table.stem}{OVERLAY_SUFFIX}"), table.with_suffix(".png")

@@ -1,0 +1,150 @@
+"""Track many videos, each in its own process, several at a time; a second run resumes where the first stopped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from mien.batch.options import BatchOptions, pictures_of
+from mien.batch.videos import find_videos
+from mien.errors import MienError, warn
+from mien.files import checksum, exists, require_writable, size_of
+from mien.output.sole_use import sole_use
+from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
+from mien.output.track import Track
+from mien.processes import Call, Ended, Progress, available_processors, run_commands
+from mien.registry import create_tracker
+from mien.start.footage import check_options
+from mien.video import list_images
+
+_MESSAGE_PREFIX = "mien: "
+"""The prefix of warnings and errors on the command line."""
+
+
+def track_all(
+    paths: Sequence[Path],
+    out: Path,
+    options: BatchOptions | None = None,
+    jobs: int | None = None,
+    progress: Progress = lambda done, total, name: None,
+    forked: bool = False,
+) -> list[Row]:
+    """Track all videos among the paths and in the folders among them.
+
+    The tables go to `out`, in the same folder structure as the videos, with a summary that is updated whenever a video
+    is finished.
+
+    jobs: number of videos at a time, by default one per processor; forked: whether processes may be forked, which start
+    sooner but import the main module again. Raises MienError if there is nothing to track, the tables cannot be
+    written, or another run writes into this folder; a video that cannot be tracked becomes a row in the state `failed`.
+    """
+    options = options or BatchOptions()
+    create_tracker(options.preset)  # report wrong options once, now, and not for every video
+    check_options(options)
+    found = [[Row(video, table)] for video, table in find_videos(paths, out)]
+    require_writable(out / SUMMARY)
+    with sole_use(out):
+        return _track_found(found, Summary.read(out / SUMMARY), options, jobs, progress, forked)
+
+
+def _track_found(
+    found: list[list[Row]],
+    summary: Summary,
+    options: BatchOptions,
+    jobs: int | None,
+    progress: Progress,
+    forked: bool,
+) -> list[Row]:
+    """Track the videos that are found, as `track_all`; found: a list of one row for each, which get those of all its
+    faces."""
+    waiting = []
+    for k, (row,) in enumerate(found):
+        kept = None if options.again else _kept_rows(replace(row, note=summary.note_of(row)), options)
+        if kept is None:
+            waiting.append(k)
+        else:
+            found[k] = kept
+    for k in waiting:
+        summary.require_own(found[k][0])
+    summary.write(found)
+    commands = [_command(found[k][0], options) for k in waiting]
+    started: list[str] = []
+    earlier = _times(file for k in waiting for file in _all_files(found[k][0].table))
+    try:
+        progress(len(found) - len(waiting), len(found), "")
+        for ended in run_commands(commands, jobs or available_processors(), started=started.append, forked=forked):
+            k = waiting[ended.index]
+            found[k] = _outcome(found[k][0], ended, earlier)
+            with suppress(MienError):  # a later write includes it too, and the last one must succeed
+                summary.write(found)
+            progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
+    except BaseException:
+        done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
+        warn(f"stopped; {done} of {len(found)} videos are done; run the same command again to continue")
+        raise
+    finally:
+        summary.write(found)
+    return [faces[0] for faces in found]
+
+
+def _all_files(table: Path) -> tuple[Path, ...]:
+    """The table and the pictures that a video may have."""
+    return table, *pictures_of(table)
+
+
+def _times(files: Iterable[Path]) -> dict[Path, int]:
+    """When those of the files that exist were written, in nanoseconds by the clock of their file system."""
+    return {file: file.stat().st_mtime_ns for file in files if exists(file)}
+
+
+def _command(row: Row, options: BatchOptions) -> Call:
+    overlay, plot = pictures_of(row.table)
+    pictures = [*["--overlay", str(overlay)] * options.overlay, *["--plot", str(plot)] * options.plot]
+    arguments = ("track", "-o", str(row.table), *pictures, *options.arguments, "--quiet", "--", str(row.video))
+    return Call(row.video.name, "mien.worker:run", arguments)
+
+
+def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
+    """The rows of a video that need not be tracked again, else None.
+
+    All its files must exist, be complete and no older than the video, which must be the same, and come from the same
+    tracker with the same settings.
+    """
+    with suppress(MienError, OSError, AttributeError, LookupError, TypeError):  # whatever somebody made of NAME.json
+        track = Track.read(row.table)
+        known = track.metadata
+        if not options.match(known, row.table) or known["video"]["bytes"] != size_of(row.video):
+            return None
+        files = options.files_of(row.table, known.get("faces", 1))
+        read = [row.video, *(list_images(row.video) if row.video.is_dir() else ()), *options.inputs]
+        if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in read):
+            return None
+        # A file or a folder that was renamed keeps its time: it may be another video.
+        other = known["video"].get("inode") != row.video.stat().st_ino
+        if other and known["video"].get("sha256") != checksum(row.video):
+            return None
+        return face_rows(replace(row, state=KEPT), track)
+    return None
+
+
+def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
+    """The rows of a video whose process has ended. earlier: `_times` of its files before."""
+    messages = [_message(line, row.video) for line in ended.output if line.startswith(_MESSAGE_PREFIX)]
+    old = [file.name for file, time in _times(_all_files(row.table)).items() if earlier.get(file) == time]
+    of_earlier_run = [f"{', '.join(old)} {'is' if len(old) == 1 else 'are'} from an earlier run"] * bool(old)
+    if ended.reason:
+        reason = _message(ended.reason, row.video)
+        messages = [reason, *(message for message in messages if message != reason)]
+        return [replace(row, state=FAILED, note="; ".join(messages + of_earlier_run))]
+    try:
+        return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
+    except MienError as error:
+        return [replace(row, state=FAILED, note=str(error))]
+
+
+def _message(line: str, video: Path) -> str:
+    """A line that the process of a video has printed, without what its row tells: by whom, and of which video."""
+    return re.sub(rf"^{re.escape(str(video))}:? ", "", line.removeprefix(_MESSAGE_PREFIX))
