@@ -130,7 +130,7 @@ def noted(run: Run) -> Frames:
         no_axes = Reference(first.R, first.ray, np.zeros(3), first.covered)
         turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
         other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, *without)) / max(turn @ turn, 1e-12)
-        share = max(seen, uncertainty._LEAST_SEEN)
+        share = max(seen, uncertainty.LEAST_SEEN)
         made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other))
         return uncertainty.state_covariance(spread, d2, seen, R, seen_from, moved, first, relief_sd, lean, learned)
 

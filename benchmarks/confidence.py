@@ -64,7 +64,7 @@ def track(run: Run) -> Frames:
 
 def best_fit(frames: Frames) -> Array:
     """Bias and weight (2,) of the logistic regression that makes these frames most probable."""
-    bias, weight = uncertainty._CONFIDENCE
+    bias, weight = uncertainty.CONFIDENCE
     right = frames.error_deg < RIGHT_DEG
     # What else the confidence is a product of stays as it is.
     others = np.clip(frames.confidence * (1 + np.exp(-(bias + weight * frames.spread))), 0, 1)

@@ -68,8 +68,8 @@ def shares_found(known: list[tuple[Frame, Landmarks]], size_px: int, rng: np.ran
         for _ in range(PLACES):
             centre = (int(rng.integers(size_px, ROOM[0] - size_px)), int(rng.integers(size_px, ROOM[1] - size_px)))
             room = Frame(painted(frame, face, size_px, centre))
-            with detector._finder(detector._MAXIMUM_FACES) as finder:
-                near = [detector._landmarks(room, points) for points in finder.near(room)]
+            with detector.open_finder(detector.MAXIMUM_FACES) as finder:
+                near = [detector.landmarks_of(room, points) for points in finder.near(room)]
             alone.append(is_there(near, centre, size_px))
             found.append(is_there(detector.detect_once(room), centre, size_px))
     return float(np.mean(alone)), float(np.mean(found))

@@ -85,7 +85,7 @@ def test_threads_share_what_finds_faces(monkeypatch: pytest.MonkeyPatch) -> None
         thread.start()
         thread.join()
     assert [len(finders) for finders in detector._idle.values()] == [1]
-    with detector._finder(8) as one, detector._finder(8) as other:
+    with detector.open_finder(8) as one, detector.open_finder(8) as other:
         assert one is not other  # at the same time each has its own
 
 
@@ -175,13 +175,13 @@ def test_a_face_that_is_too_small_to_be_tracked_is_passed_over() -> None:
 def test_what_is_seen_once_and_in_no_copy_is_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
     """The network takes a texture for a face; turned and scaled it does not."""
     texture, portrait = _texture(), Frame(small_motion().frames[1].pixels, 1)
-    near = detector._Finder.near
+    near = detector.Finder.near
     seen_once = np.random.default_rng(1).uniform(60, 180, (478, 3))
 
     def fooled(finder: Any, frame: Frame) -> Any:
         return [seen_once] if frame is texture else near(finder, frame)
 
-    monkeypatch.setattr(detector._Finder, "near", fooled)
+    monkeypatch.setattr(detector.Finder, "near", fooled)
     assert detector.detect(texture) == []
     found = detector.first_with_a_face([texture, portrait])
     assert found is not None
@@ -220,9 +220,9 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
     answers = [[*others, _moved(0.1)], others[:0], [_moved(0.3, 1.1), *others], [_moved(3.0)], [_moved(0.2)]]
     frames = [Frame(small_motion().frames[0].pixels, k) for k in range(1, 1 + len(answers))]
     shown = iter(answers)
-    monkeypatch.setattr(detector._Finder, "near", lambda finder, frame: next(shown))
-    monkeypatch.setattr(detector._Finder, "in_crop", lambda finder, frame, place: [])
-    first = detector._landmarks(small_motion().frames[0], _moved(0.0))
+    monkeypatch.setattr(detector.Finder, "near", lambda finder, frame: next(shown))
+    monkeypatch.setattr(detector.Finder, "in_crop", lambda finder, frame, place: [])
+    first = detector.landmarks_of(small_motion().frames[0], _moved(0.0))
     followed = list(detector.follow(first, frames))
     assert [frame.index for frame, _ in followed] == [1, 3, 5]
     for (_, found), there in zip(followed, (_moved(0.1), _moved(0.3, 1.1), _moved(0.2)), strict=True):

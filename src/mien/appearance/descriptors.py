@@ -58,7 +58,7 @@ def describe(
     """Descriptors of unit length (n, 128) at image points (n, 2). angle: that for which the maps were made; scale: of
     the grid, beside the cell that they were smoothed for."""
     out = np.empty((len(points), LENGTH), np.float32)
-    _describe(maps, points, (cell, root, angle, scale), out, None)
+    describe_into(maps, points, (cell, root, angle, scale), out, None)
     return out
 
 
@@ -66,7 +66,7 @@ def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float 
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    _describe(maps, points, (cell, root, 0.0, 1.0), out, J)
+    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J)
     return out, J
 
 
@@ -174,7 +174,7 @@ def _cell_weight(i: int, j: int) -> Any:
 
 
 @kernel()
-def _describe(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> None:
+def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> None:
     """Descriptors (n, 128) into out, and their derivative into J (n, 2, 128), or None if it is not wanted. sampling:
     cell, root, angle and scale as of `describe`."""
     height, width = maps.shape[0], maps.shape[1]

@@ -30,7 +30,7 @@ _COPIES = (
     (0.0, 1.0, 1.0), (-8.0, 0.95, 1.6), (8.0, 0.95, 1.6), (-4.0, 1.1, 2.0), (4.0, 1.1, 2.0), (0.0, 0.85, 1.6)
 )  # fmt: skip
 """In-plane rotation in degrees, scale and gamma of each copy of the frame."""
-_MAXIMUM_FACES = 8
+MAXIMUM_FACES = 8
 _SAME_PLACE = 0.5
 """Mean distance of two faces' points, over their size, below which they may be the same face."""
 _CROP_SIDE, _CROP_PIXELS = 2.2, (256, 640)
@@ -65,11 +65,11 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
     with one of these; None if no frame has any. A face of which a part is beyond the border of the image does not
     count: nothing could be learned of that part."""
     too_small: tuple[Frame, list[Landmarks]] | None = None
-    with _finder(_MAXIMUM_FACES) as finder:
+    with open_finder(MAXIMUM_FACES) as finder:
         for k, frame in enumerate(frames):
             seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
             averaged = (_average(frame, face) for face in seen)
-            found = (_landmarks(frame, *face) for face in averaged if face is not None)
+            found = (landmarks_of(frame, *face) for face in averaged if face is not None)
             faces = [face for face in found if face.are_inside(frame.width, frame.height)]
             if any(face.are_trackable(frame.width, frame.height) for face in faces):
                 return frame, faces
@@ -81,20 +81,20 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
 def detect_once(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:
     """The faces of a frame as from `detect`, but from a single detection without averaging, for finding a face again.
     distant: if there is none, also search for small faces."""
-    with _finder(_MAXIMUM_FACES) as finder:
-        return [_landmarks(frame, face) for face in finder.largest_first(frame, distant, at)]
+    with open_finder(MAXIMUM_FACES) as finder:
+        return [landmarks_of(frame, face) for face in finder.largest_first(frame, distant, at)]
 
 
 def detect_all(frame: Frame) -> list[Landmarks]:
     """All faces of a frame, largest first, including small ones, from a single detection without averaging."""
-    with _finder(_MAXIMUM_FACES) as finder:
-        return [_landmarks(frame, face) for face in _by_size(finder.distant(frame, finder.near(frame)))]
+    with open_finder(MAXIMUM_FACES) as finder:
+        return [landmarks_of(frame, face) for face in _by_size(finder.distant(frame, finder.near(frame)))]
 
 
 def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
     """Follow a face through later frames, by a single detection in each; skips frames without a face at its last
     place."""
-    with _finder(_MAXIMUM_FACES) as finder:
+    with open_finder(MAXIMUM_FACES) as finder:
         for frame in frames:
             same = _match(frame, finder.near(frame), face)
             if same is None:
@@ -108,12 +108,12 @@ def refine(frame: Frame, face: Landmarks) -> Landmarks | None:
     """Average the landmarks of a single detection over copies of the frame; None if the copies do not confirm it."""
     assert face.depths is not None, "a detected face has depths"
     averaged = _average(frame, np.column_stack([face.points, face.depths]))
-    return None if averaged is None else _landmarks(frame, *averaged)
+    return None if averaged is None else landmarks_of(frame, *averaged)
 
 
 def _match(frame: Frame, faces: list[Array], before: Landmarks) -> Landmarks | None:
     """The face of a frame at the place of an earlier one, None if there is none."""
-    candidates = (_landmarks(frame, face) for face in faces)
+    candidates = (landmarks_of(frame, face) for face in faces)
     nearest = min(candidates, key=lambda found: _relative_distance(found, before), default=None)
     return nearest if nearest is not None and _relative_distance(nearest, before) < _SAME_PLACE else None
 
@@ -123,7 +123,7 @@ def _relative_distance(a: Landmarks, b: Landmarks) -> float:
     return float(np.linalg.norm(a.points - b.points, axis=1).mean() / b.size)
 
 
-def _landmarks(frame: Frame, face: Array, disagreement: float | None = None) -> Landmarks:
+def landmarks_of(frame: Frame, face: Array, disagreement: float | None = None) -> Landmarks:
     scheme, source = f"mediapipe{len(face)}", "detected face"
     return Landmarks(face[:, :2], scheme, face[:, 2], frame.index, frame.time, source, disagreement)
 
@@ -153,7 +153,7 @@ def _consensus(frame: Frame, place: Place, turn_deg: float = 0.0) -> tuple[Array
     """Mean points (n, 3) of the face at a place over the copies of the image, without outliers, and the median
     difference between the copies over the face's size; None if less than half of the copies show it. turn_deg: an
     in-plane rotation of all copies in addition to their own."""
-    with _finder(1) as finder:
+    with open_finder(1) as finder:
         seen = (finder.in_crop(frame, place, turn_deg + turn, scale, gamma) for turn, scale, gamma in _COPIES)
         found = [faces[0] for faces in seen if faces and _is_among(place, faces[:1])]
     if 2 * len(found) < len(_COPIES):
@@ -195,7 +195,7 @@ def _tones(gamma: float, brightest: int) -> Pixels:
     return np.asarray(np.rint(brightest * np.minimum(np.arange(256) / max(brightest, 1), 1.0) ** gamma), np.uint8)
 
 
-class _Finder:
+class Finder:
     """Finds near and distant faces with MediaPipe, or with OpenCV if it is not installed."""
 
     def __init__(self, faces: int) -> None:
@@ -254,19 +254,19 @@ class _Finder:
         return [(corner + centre, size) for centre, size in self.mesh.places(pixels)]
 
 
-_idle: defaultdict[tuple[int, int], list[_Finder]] = defaultdict(list)
+_idle: defaultdict[tuple[int, int], list[Finder]] = defaultdict(list)
 """Finders that no thread uses, by process and number of faces: creating one takes as long as several detections, and
 MediaPipe's keep threads and memory of their own."""
 
 
 @contextlib.contextmanager
-def _finder(faces: int) -> Iterator[_Finder]:
+def open_finder(faces: int) -> Iterator[Finder]:
     """A finder for at most this many faces, which no other thread has meanwhile."""
     idle = _idle[os.getpid(), faces]
     try:
         finder = idle.pop()
     except IndexError:
-        finder = _Finder(faces)
+        finder = Finder(faces)
     try:
         yield finder
     finally:

@@ -73,7 +73,7 @@ Kernel = tuple[Any, tuple[Any, ...]]
 POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
 SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
 _KERNELS: tuple[Kernel, ...] = (
-    (descriptors._describe, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
+    (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
     SOLVE,
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mien.appearance.descriptors import _describe
+from mien.appearance.descriptors import describe_into
 from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.tracking.realtime.definite import solve_positive, transposed_product
@@ -113,7 +113,7 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        _describe(maps, q[i : i + 1], sampling, D[:1], J)
+        describe_into(maps, q[i : i + 1], sampling, D[:1], J)
         for c in range(128):
             residual[c] -= offset[i, c]
             by_u[c] = J[0, 0, c]

@@ -61,9 +61,9 @@ UNIT_SCALE = np.array([0.65, 0.35, 0.4, 0.5, 0.25, 0.65])
 units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
 far."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
-_LEAST_SEEN = 0.04
+LEAST_SEEN = 0.04
 """Share of a single landmark, taken where none is seen."""
-_CONFIDENCE = (-6.2, -1.5)
+CONFIDENCE = (-6.2, -1.5)
 """Bias and weight of the logarithm of the spread in a logistic regression: fitted to the rendered sequences as they
 are, with boards of all sizes before the face, and begun with a turned head, a wrong rotation counting twice."""
 _HARDLY_SEEN = (0.2, 0.03)
@@ -175,7 +175,7 @@ def frame_variance(d2: Array, seen: float) -> float:
     `state_covariance`."""
     misfit = sorted(d2.tolist())[len(d2) // 2] / MISFIT_DISTANCE if len(d2) else 0.0
     # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
-    return NOISE_SCALE**2 * (1 + misfit) / max(seen, _LEAST_SEEN)
+    return NOISE_SCALE**2 * (1 + misfit) / max(seen, LEAST_SEEN)
 
 
 def systematic_covariance(
@@ -226,7 +226,7 @@ def confidence(covariance: Array, seen: float, familiar: float, known: float = 0
     logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen,
     times the probability that this is the face of the first frame at all.
     """
-    bias, by_spread = _CONFIDENCE
+    bias, by_spread = CONFIDENCE
     least, width = _HARDLY_SEEN
     spread = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
     right = logistic(bias + by_spread * math.log(spread))
