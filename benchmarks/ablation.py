@@ -8,15 +8,13 @@ columns see every third frame alone.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.runs import KINDS, prepare, score, thinned
 
 from mien.appearance.regression import PoseRegression
@@ -222,15 +220,14 @@ def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     path = parser.parse_args().path
     sequences = load_dataset("rendered", path)
     missing = set(KINDS) - {sequence.kind for sequence in sequences}
     require(not missing, f"{path} holds no sequence of the kind {', '.join(sorted(missing))}; give one of each kind")
     every = [prepare(sequence) for sequence in sequences]
     columns = ("", *KINDS, "all", "lost", "jaw", "smile", "false", "jitter", "all, every third", "lost")
-    print("| " + " | ".join(columns) + " |", "|---" * len(columns) + "|", sep="\n")
+    print_heads(*columns)
     for name, make in TRACKERS.items():
         scores = ([score(make, thinned(run, step)) for run in every] for step in (1, STEP))
         print("| " + " | ".join((name, *cells(*scores))) + " |", flush=True)

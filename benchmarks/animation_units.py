@@ -11,14 +11,14 @@ rotation is nearly the tracker's own. All count from the first frame; landmarks 
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
-from shared.inputs import carry_out, videos_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import videos_of
 from shared.recordings import seen_by_mediapipe
 from shared.runs import Run, prepare
 
@@ -160,10 +160,9 @@ def measured(path: Path) -> Iterator[tuple[str, list[Moved]]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     warnings.simplefilter("ignore", MienWarning)
-    print(f"| | | {' | '.join(TRACKED_UNITS)} |", "|---" * (2 + len(TRACKED_UNITS)) + "|", sep="\n")
+    print_heads("", "", *TRACKED_UNITS)
     for name, moved in measured(parser.parse_args().path):
         reported, true, sd = (np.concatenate(column) for column in zip(*moved, strict=True))
         error = reported - true

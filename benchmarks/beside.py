@@ -10,14 +10,12 @@ turned back (mean angle), and the error by the protocol `rebased`.
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.runs import TRACKERS, Run, rotations_of, scored, track
 
 from mien.arrays import Array
@@ -97,14 +95,13 @@ def compared(sequence: Sequence, setting: Setting) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     warnings.simplefilter("ignore", MienWarning)
     chosen = [s for s in load_dataset("rendered", parser.parse_args().path) if s.kind == "uniform"]
     for setting in SETTINGS:
         columns = [f"{name}: {what}" for name in setting.trackers for what in ("differs", "error")]
         mean = np.mean([compared(sequence, setting) for sequence in chosen], axis=0)
-        print(f"| tilt, pan of the camera | {' | '.join(columns)} |", "|---" * (len(columns) + 1) + "|", sep="\n")
+        print_heads("tilt, pan of the camera", *columns)
         for (tilt, pan), row in zip(setting.turns_deg, mean, strict=True):
             print(f"| {tilt}, {pan} | {' | '.join(f'{value:.2f}' for value in row.ravel())} |")
         print(flush=True)

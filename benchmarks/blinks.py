@@ -14,7 +14,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, print_heads
 from shared.recordings import asked, rotations, seen_by_mediapipe
 
 import mien
@@ -93,7 +93,7 @@ def main() -> None:
     warnings.simplefilter("ignore", MienWarning)
     of_nods = [f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS")]
     columns = ("recording", "blinks", "frames", *of_nods, "correlation", "shut", "open")
-    print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
+    print_heads(*columns)
     for path in paths:
         opening = openings(path, seconds)
         found = blinks(opening)

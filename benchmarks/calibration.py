@@ -23,7 +23,8 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from shared.inputs import carry_out, truth_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import truth_of
 from shared.makehuman import MakeHuman
 from shared.people import Character, Person, film, rendered_profile
 from shared.runs import Run, begun_at, prepare, rotations_of, track
@@ -193,9 +194,7 @@ def noted_runs(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, str],
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("package", "path", "spectacles", "out"):
-        parser.add_argument(name, type=Path)
+    parser = parser_of(__doc__, "package", "path", "spectacles", "out")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", MienWarning)
     film_missing(arguments.package, arguments.path, arguments.out)
@@ -204,10 +203,11 @@ def main() -> None:
         kinds[kind].append(frames)
     fewer = {kind: [run.every(EVERY) for run in runs] for kind, runs in kinds.items()}
     found = search(fewer, np.random.default_rng(0))
-    print("| factor | now | found |", "|---" * 3 + "|", sep="\n")
+    print_heads("factor", "now", "found")
     for name, before, after in zip(FACTORS, now(), found, strict=True):
         print(f"| {name} | {before:.2f} | {after:.2f} |")
-    print("\n| 90 per cent intervals hold | sequences | now | found |", "|---" * 4 + "|", sep="\n")
+    print()
+    print_heads("90 per cent intervals hold", "sequences", "now", "found")
     for (source, kind), runs in kinds.items():
         held = " | ".join(f"{100 * coverage(runs, factors):.0f}" for factors in (now(), found))
         print(f"| {source}, {kind} | {len(runs)} | {held} |")

@@ -7,13 +7,12 @@ default, 28 plainly seen.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from shutil import copy
 
 import av
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of
 
 from mien.evaluation.datasets import load_dataset
 from mien.frame import Frame
@@ -33,9 +32,7 @@ def write_compressed(path: Path, frames: Sequence[Frame], crf: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("out", type=Path)
+    parser = parser_of(__doc__, "path", "out")
     parser.add_argument("--crf", type=int, default=23, help="constant rate factor")
     arguments = parser.parse_args()
     sequences = load_dataset("rendered", arguments.path)

@@ -10,7 +10,6 @@ counting twice.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy.optimize import minimize
 from shared.boards import boards
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.runs import Run, begun_at, prepare, score
 
 from mien.arrays import Array
@@ -77,8 +76,7 @@ def best_fit(frames: Frames) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     parser.add_argument("-o", "--figure", type=Path)
     arguments = parser.parse_args()
     rng = np.random.default_rng(0)
@@ -97,11 +95,12 @@ def main() -> None:
     columns = zip(*((r.spread, r.seen, r.confidence, r.error_deg) for r in runs), strict=True)
     every = Frames(*(np.concatenate(column) for column in columns), sum(r.lost for r in runs))
     diagram = reliability(every.confidence, every.error_deg)
-    print("| confidence | frames | mean confidence | right to 5 degrees |", "|---" * 4 + "|", sep="\n")
+    print_heads("confidence", "frames", "mean confidence", "right to 5 degrees")
     for k, count in enumerate(diagram.count):
         edges = f"{diagram.edges[k]:.1f} to {diagram.edges[k + 1]:.1f}"
         print(f"| {edges} | {count:.0f} | {diagram.confidence[k]:.2f} | {diagram.right[k]:.2f} |")
-    print("\n| seen | frames | mean confidence | right to 5 degrees | median error |", "|---" * 5 + "|", sep="\n")
+    print()
+    print_heads("seen", "frames", "mean confidence", "right to 5 degrees", "median error")
     for low, high in zip((0.0, *SHARES), SHARES, strict=False):
         of = (every.seen >= low) & (every.seen < high)
         if of.any():

@@ -8,12 +8,11 @@ Prints a Markdown table in degrees about the camera's axes. Errors are those of 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of
 from shared.runs import rotations_of
 
 from mien.arrays import Array, Mask, Pixels
@@ -81,7 +80,7 @@ def errors_deg(face: Portrait, states: Array, noise_sd: float, seed: int = 0) ->
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    parser_of(__doc__).parse_args()
     face = portrait()
     states = demo_states(face, FRAMES)
     bounds = np.sqrt((bounds_deg(face, states)[:, 1:] ** 2).mean(axis=1))

@@ -8,14 +8,14 @@ face was seen yet, and while one that was tracked is gone.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from time import perf_counter
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out, videos_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import videos_of
 from skimage import data
 
 from mien.arrays import Pixels
@@ -98,15 +98,15 @@ def lost_ms(width: int, height: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recordings", type=Path)
+    parser = parser_of(__doc__, "recordings")
     known = list(faces(parser.parse_args().recordings))
     rng = np.random.default_rng(0)
-    print("| size (pixels) | of the width | Face Mesh | found |", "|---" * 4 + "|", sep="\n")
+    print_heads("size (pixels)", "of the width", "Face Mesh", "found")
     for size_px in FACES_PX:
         alone, found = shares_found(known, size_px, rng)
         print(f"| {size_px} | {100 * size_px / ROOM[0]:.1f} % | {alone:.2f} | {found:.2f} |", flush=True)
-    print("\n| image | no face yet (ms) | lost (ms) |", "|---" * 3 + "|", sep="\n")
+    print()
+    print_heads("image", "no face yet (ms)", "lost (ms)")
     for width, height in SIZES:
         print(f"| {width}x{height} | {searching_ms(width, height):.1f} | {lost_ms(width, height):.1f} |", flush=True)
 

@@ -8,14 +8,13 @@ half` count frames; `refused` are videos whose first frame has no face, or one t
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from itertools import islice
-from pathlib import Path
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out, videos_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import videos_of
 
 from mien.arrays import Pixels
 from mien.errors import MienError, require
@@ -143,8 +142,7 @@ def row(name: str, clean: list[TrackTable], disturbed: list[TrackTable | None], 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     parser.add_argument("--tracker", default="realtime")
     arguments = parser.parse_args()
     paths = videos_of(arguments.path)
@@ -154,7 +152,7 @@ def main() -> None:
     faceless = [str(path) for path, t in zip(paths, clean, strict=True) if t is None]
     require(not faceless, f"{', '.join(faceless)}: no face in the first frame; leave such videos out")
     columns = ("", "mean", "of the worst video", "95 %", "lost", "confidence below a half", "refused")
-    print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
+    print_heads(*columns)
     for name, disturb in DISTURBANCES.items():
         print(row(name, known, [track(arguments.tracker, disturb(pixels)) for pixels in videos], 1), flush=True)
     for name, step in STEPS.items():

@@ -13,7 +13,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, print_heads
 from shared.recordings import asked, seen_by_mediapipe
 
 import mien
@@ -75,7 +75,7 @@ def compared(path: Path, seconds: float) -> tuple[Array, Array]:
 def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
-    print(f"| recording | {' | '.join(UNITS)} |", "|---" * (len(UNITS) + 1) + "|", sep="\n")
+    print_heads("recording", *UNITS)
     rows = []
     for path in paths:
         rows.append(compared(path, seconds))

@@ -9,11 +9,8 @@ the share beyond 0.5; and the correlation over all of these.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.runs import Run, prepare, track
 
 from mien.arrays import Array
@@ -55,12 +52,11 @@ def row(kind: str, figures: Array) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     every: dict[str, list[Array]] = {}
     for sequence in load_dataset("rendered", parser.parse_args().path):
         every.setdefault(sequence.kind, []).append(told(prepare(sequence)))
-    print(f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", sep="\n")
+    print_heads(*COLUMNS)
     for kind, of_kind in every.items():
         print(row(kind, np.concatenate(of_kind)))
 

@@ -8,14 +8,12 @@ frames; and the frames, in thousandths, that are off by more than five degrees a
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.runs import Run, prepare, rotations_of, scored, track
 
 from mien.arrays import Array, Pixels
@@ -131,10 +129,9 @@ def _wrong_share(estimates: list[Estimate], run: Run) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     made = [row for s in load_dataset("rendered", parser.parse_args().path) for row in rows(prepare(s))]
-    print("| graphics | tracker | found | error | lost | believed and wrong |\n|---|---|---|---|---|---|")
+    print_heads("graphics", "tracker", "found", "error", "lost", "believed and wrong")
     for graphics, tracker in dict.fromkeys((row.graphics, row.tracker) for row in made):
         of = [row for row in made if (row.graphics, row.tracker) == (graphics, tracker)]
         found = f"{sum(row.found for row in of)} of {len(of)}" if tracker == "realtime" else ""

@@ -7,7 +7,6 @@ and the mean of the three mean absolute errors (protocol `rebased`) over the fir
 
 from __future__ import annotations
 
-import argparse
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of
 
 from mien.arrays import Array
 from mien.errors import require
@@ -76,8 +75,7 @@ def run(sequence: Sequence, frames: list[Frame], order: list[int], period: int) 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     parser.add_argument("sequence")
     arguments = parser.parse_args()
     sequences = {s.name: s for s in load_dataset("rendered", arguments.path)}

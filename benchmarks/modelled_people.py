@@ -9,11 +9,9 @@ Drawn at three times the size before a mottled background, with noise of two gre
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from shared.inputs import carry_out, truth_of
+from shared.command_line import carry_out, parser_of
+from shared.inputs import truth_of
 from shared.makehuman import MakeHuman
 from shared.people import Person, film, named, rendered_profile
 
@@ -25,10 +23,7 @@ MOTIONS = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("package", type=Path)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("out", type=Path)
+    parser = parser_of(__doc__, "package", "path", "out")
     arguments = parser.parse_args()
     source, profile = MakeHuman(arguments.package), rendered_profile(arguments.path)
     truths = {kind: truth_of(arguments.path, motion) for kind, motion in MOTIONS.items()}

@@ -10,15 +10,15 @@ and the sides of the head end at the ears.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from shared.command_line import carry_out, parser_of
 from shared.filming import Studio, taken, write_film
-from shared.inputs import carry_out, truth_of, videos_of
+from shared.inputs import truth_of, videos_of
 
 from mien.appearance.rendering import Texture, render
 from mien.appearance.surface import face_surface
@@ -81,10 +81,7 @@ def pictures(head: Head, R: Array, t: Array, rng: np.random.Generator) -> Iterat
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recordings", type=Path)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("out", type=Path)
+    parser = parser_of(__doc__, "recordings", "path", "out")
     arguments = parser.parse_args()
     videos = videos_of(arguments.recordings)
     motions = {name: truth_of(arguments.path, motion) for name, motion in zip(NAMES, MOTIONS, strict=True)}

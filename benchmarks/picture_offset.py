@@ -10,12 +10,10 @@ lie beside them, the same everywhere. A point turns with the head, an offset doe
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import cv2
 import numpy as np
-from shared.inputs import carry_out, truth_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import truth_of
 from shared.runs import Run, prepare
 
 from mien.arrays import Array
@@ -109,13 +107,12 @@ def offset_of(head: Head, found: Array) -> tuple[Array, Array]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     path = parser.parse_args().path
     sequences = [sequence for sequence in load_dataset("rendered", path) if sequence.kind in KINDS]
     require(bool(sequences), f"{path} holds no sequence of a kind that is looked at: {', '.join(KINDS)}")
     offsets, weights = [], []
-    print("| sequence | x | y |", "|---|---|---|", sep="\n")
+    print_heads("sequence", "x", "y")
     for sequence in sequences:
         run = prepare(sequence)
         head = Head(run)

@@ -7,14 +7,12 @@ landmarks from the detector in the images as they are.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of
 from shared.runs import Run, prepare, print_tables, score
 
 from mien.arrays import Pixels
@@ -80,8 +78,7 @@ def under_all(sequence: Sequence) -> Iterator[Score]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     sequences = load_dataset("rendered", parser.parse_args().path)
     print_tables((made for s in sequences for made in under_all(s)), (by_kind, calibration))
 

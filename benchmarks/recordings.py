@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, print_heads
 from shared.recordings import apart_deg, asked, rotations
 
 import mien
@@ -36,7 +36,7 @@ def main() -> None:
     warnings.simplefilter("ignore", MienWarning)
     of_each = ("begun at (s)", "mean", "95 %", "lost", "confidence below a half")
     columns = ("recording", "frames", *(f"{name}, {which}" for which in ("at once", "best") for name in of_each))
-    print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
+    print_heads(*columns)
     for path in paths:
         print(row(path, seconds), flush=True)
 

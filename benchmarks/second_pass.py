@@ -6,12 +6,10 @@ landmarks from the detector.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of
 from shared.runs import prepare, print_tables, score
 
 from mien.evaluation.datasets import load_dataset
@@ -32,8 +30,7 @@ def twice(sequence: Sequence) -> Iterator[Score]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     sequences = load_dataset("rendered", parser.parse_args().path)
     print_tables((made for s in sequences for made in twice(s)), (by_kind, angles_by_kind, calibration, jitter))
 

@@ -10,14 +10,13 @@ between.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import warnings
 from pathlib import Path
 
 import numpy as np
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.filming import write_film
-from shared.inputs import carry_out
 from shared.recordings import apart_deg, rotations
 
 import mien
@@ -56,8 +55,7 @@ def film(people: dict[str, list[Pixels]]) -> tuple[list[Pixels], list[tuple[str,
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     parser.add_argument("--kind", default="uniform")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", MienWarning)
@@ -70,7 +68,7 @@ def main() -> None:
             write_film(Path(folder) / f"{name}.avi", of_one[: len(pictures) // len(people)])
         tracks = mien.track_faces(Path(folder) / "shots.avi", 2 * len(people), camera=CAMERA)
         print(f"{len(pictures) // SHOT} shots of {len(people)} people: {len(tracks)} faces")
-        print("| person | frames | face | has of them | of others' | degrees | alone |", "|---" * 7 + "|", sep="\n")
+        print_heads("person", "frames", "face", "has of them", "of others'", "degrees", "alone")
         for name in people:
             own = np.array([whom == name for whom, _ in whose])
             sure = [track.confidence > SURE for track in tracks]

@@ -8,14 +8,13 @@ pass behind the rims.
 
 from __future__ import annotations
 
-import argparse
 import shutil
-from pathlib import Path
 
 import cv2
 import numpy as np
+from shared.command_line import carry_out, parser_of
 from shared.filming import triangulated, write_film
-from shared.inputs import carry_out, truth_of
+from shared.inputs import truth_of
 
 from mien.arrays import Array, Pixels
 from mien.evaluation.datasets import load_dataset
@@ -79,9 +78,7 @@ def worn(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
-    parser.add_argument("out", type=Path)
+    parser = parser_of(__doc__, "path", "out")
     parser.add_argument("--rim", type=float, default=RIM_WIDTH, help="width of the rims, units of the truth")
     parser.add_argument("--reflection", type=float, default=REFLECTION, help="grey values")
     arguments = parser.parse_args()

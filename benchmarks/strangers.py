@@ -9,7 +9,6 @@ same person twice the reader has to know.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice, permutations
@@ -17,7 +16,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from shared.inputs import carry_out, videos_of
+from shared.command_line import carry_out, parser_of
+from shared.inputs import videos_of
 
 from mien.arrays import Pixels
 from mien.evaluation.datasets import load_dataset
@@ -90,9 +90,7 @@ def show(name: str, outcomes: Mapping[tuple[str, str], Outcome]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recordings", type=Path)
-    parser.add_argument("rendered", type=Path)
+    parser = parser_of(__doc__, "recordings", "rendered")
     arguments = parser.parse_args()
     known = dict(faces(arguments.recordings, arguments.rendered))
     for name, between in (("cut", 0), ("dissolve", BETWEEN)):

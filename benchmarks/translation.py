@@ -9,11 +9,9 @@ millimetres, at a distance of about a metre; the shares those of the errors insi
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from shared.inputs import carry_out, truth_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import truth_of
 from shared.runs import Run, prepare, track
 
 from mien.arrays import Array
@@ -41,15 +39,14 @@ def errors(run: Run, truth: Array) -> tuple[Array, Array]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     path = parser.parse_args().path
     every: dict[str, list[tuple[Array, Array]]] = {}
     for sequence in load_dataset("rendered", path):
         truth = truth_of(path, sequence.name)["t"]
         every.setdefault(sequence.kind, []).append(errors(prepare(sequence), truth))
     columns = ("", "x, mm", "y, mm", "z, mm", "in 90 %", "of x, y, z")
-    print(f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", sep="\n")
+    print_heads(*columns)
     for kind, of_kind in every.items():
         error, sd = (np.concatenate(column) for column in zip(*of_kind, strict=True))
         off = " | ".join(f"{10 * rms:.1f}" for rms in np.sqrt((error**2).mean(axis=0)))

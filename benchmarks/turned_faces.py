@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, print_heads
 from shared.recordings import apart_deg, asked, rotations
 
 import mien
@@ -50,7 +50,7 @@ def rows(path: Path, seconds: float) -> Iterator[str]:
 def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
-    print(f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", sep="\n")
+    print_heads(*COLUMNS)
     for path in paths:
         for row in rows(path, seconds):
             print(row, flush=True)

@@ -9,13 +9,13 @@ stays in OUT. Angles are between the rotations since the first frame, in degrees
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out, truth_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import truth_of
 from shared.makehuman import MakeHuman
 from shared.people import Person, film, named, rendered_profile
 from shared.runs import TRACKERS, Run, prepare, rotations_of, track
@@ -61,15 +61,13 @@ def compared(tracker: Tracker, run: Run) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("package", "path", "out"):
-        parser.add_argument(name, type=Path)
+    parser = parser_of(__doc__, "package", "path", "out")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", MienWarning)
     film_missing(arguments.package, arguments.path, arguments.out)
     runs = [prepare(sequence) for sequence in load_dataset("rendered", arguments.out)]
     made = {name: np.concatenate([compared(kind(), run) for run in runs]) for name, kind in TRACKERS.items()}
-    print(f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", sep="\n")
+    print_heads(*COLUMNS)
     for low, high in pairwise(TURNS_DEG):
         for name, rows in made.items():
             turn, error, confidence = rows[(rows[:, 0] >= low) & (rows[:, 0] < high)].T

@@ -8,14 +8,13 @@ face best and goes both ways.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from shared.inputs import carry_out
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.recordings import apart_deg
 from shared.runs import KINDS as SEQUENCE_KINDS
 from shared.runs import Run, begun_at, prepare, print_tables, score, scored
@@ -100,14 +99,13 @@ def errors(scores: Sequence[Score]) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(__doc__, "path")
     sequences = load_dataset("rendered", parser.parse_args().path)
     pairs = [pair for sequence in sequences for pair in starts(prepare(sequence))]
     pairs.sort(key=lambda pair: KINDS.index(pair[0].result.kind))
     print_tables([there for there, _ in pairs], (angles_by_kind, calibration))
     heads = ("", "starts", "begun there", "aligned", "lost", "as tracked", "aligned", "lost")
-    print(f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", sep="\n")
+    print_heads(*heads)
     for name in (*KINDS, *SEQUENCE_KINDS):
         begun = [pair for pair in pairs if name in (score.result.kind for score in pair)]
         if begun:

@@ -10,7 +10,6 @@ the constants of `mien.tracking.realtime.uncertainty` that fit all these best.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -21,7 +20,8 @@ from unittest.mock import patch
 import numpy as np
 from scipy.optimize import minimize
 from shared.boards import boards
-from shared.inputs import carry_out, videos_of
+from shared.command_line import carry_out, parser_of, print_heads
+from shared.inputs import videos_of
 from shared.runs import prepare
 
 from mien.arrays import Array, Mask
@@ -150,21 +150,20 @@ def best_fit(parts: list[Seen]) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("rendered", type=Path)
-    parser.add_argument("recordings", type=Path)
+    parser = parser_of(__doc__, "rendered", "recordings")
     arguments = parser.parse_args()
     rng = np.random.default_rng(0)
     found: dict[str, list[Seen]] = {}
     for name, *video in videos(arguments.rendered, arguments.recordings):
         found.setdefault(name, []).append(seen_with_boards(*video, rng))
-    print("|  | not covered | told as seen | mouth | eyes | covered | told as hidden |", "|---" * 7 + "|", sep="\n")
+    print_heads("", "not covered", "told as seen", "mouth", "eyes", "covered", "told as hidden")
     for name, parts in found.items():
         print(row(name, parts))
     recorded = [part for name, parts in found.items() if not name.startswith("rendered") for part in parts]
     print(row("recordings, all", recorded))
     told, covered = (np.concatenate([getattr(p, k) for p in recorded]) for k in ("visibility", "covered"))
-    print("\n| visibility | landmarks | seen |", "|---|---|---|", sep="\n")
+    print()
+    print_heads("visibility", "landmarks", "seen")
     for low in np.arange(0, 1, 0.1):
         of = (told >= low) & (told < low + 0.1 + (low > 0.85))
         print(f"| {low:.1f} to {low + 0.1:.1f} | {of.sum()} | {share(~covered, of)} |")

@@ -1,25 +1,14 @@
-"""What the benchmarks read: folders of recordings and of rendered sequences; and how bad input ends them."""
+"""What the benchmarks read: folders of recordings and of rendered sequences."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from mien.arrays import Array
-from mien.errors import MienError, require
+from mien.errors import require
 from mien.video import VIDEO_SUFFIXES
-
-
-def carry_out(main: Callable[[], None]) -> None:
-    """Run a benchmark; bad input ends it as it ends `mien`: one sentence on stderr, status 2."""
-    try:
-        main()
-    except MienError as error:
-        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
-        sys.exit(2)
 
 
 def videos_of(folder: Path) -> list[Path]:

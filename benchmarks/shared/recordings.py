@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from itertools import chain, takewhile
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from shared.command_line import parser_of
 from shared.inputs import videos_of
 
 import mien
@@ -21,8 +21,7 @@ from mien.video import open_video
 
 def asked(description: str | None) -> tuple[list[Path], float]:
     """The videos that the command line names, and how many seconds of each."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("path", type=Path)
+    parser = parser_of(description, "path")
     parser.add_argument("--seconds", type=float, default=30.0, help="of each recording")
     arguments = parser.parse_args()
     return videos_of(arguments.path), arguments.seconds
