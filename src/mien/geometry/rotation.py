@@ -67,13 +67,14 @@ def euler_from_matrix(R: Array) -> Array:
 
 def matrix_from_euler(angles: Array) -> Array:
     """`Rx(x) Ry(y) Rz(z)` of angles (x, y, z) in radians. (..., 3) -> (..., 3, 3)."""
-    (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(np.asarray(angles)), -1, 0) for f in (np.sin, np.cos))
+    x = np.moveaxis(np.asarray(angles, dtype=float), -1, 0)
+    (sx, sy, sz), (cx, cy, cz) = np.sin(x), np.cos(x)
     rows = (
         (cy * cz, -cy * sz, sy),
         (cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy),
         (sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy),
     )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def euler_jacobian(R: Array) -> Array:

@@ -154,10 +154,13 @@ def most_likely_facing(
     The prior is a mixture: a person looks nearly into the camera, or anywhere. A head that is clearly turned away is
     left as fitted. One that lies on its side or upside down, or whose camera does, looks into the camera all the same.
     """
-    ray = ray_rotation(t)
-    quarters = np.round(euler_from_matrix(ray.T @ R @ FACING)[2] / (0.5 * np.pi))
-    upright = ray @ exp(np.array([0.0, 0.0, 0.5 * np.pi * quarters]))
-    angles = np.degrees(euler_from_matrix(upright.T @ R @ FACING))
+    upright = ray_rotation(t)
+    seen = euler_from_matrix(upright.T @ R @ FACING)
+    quarters = round(float(seen[2]) / (0.5 * np.pi))
+    if quarters:
+        upright = upright @ exp(np.array([0.0, 0.0, 0.5 * np.pi * quarters]))
+        seen = euler_from_matrix(upright.T @ R @ FACING)
+    angles = np.degrees(seen)
     axes = np.square(axes_sd_deg)
     frontal, elsewhere = (axes + sd**2 for sd in (FRONTAL_SD_DEG, ELSEWHERE_SD_DEG))
     odds = (1 - FRONTAL_SHARE) / FRONTAL_SHARE * np.sqrt(np.prod(frontal / elsewhere))
