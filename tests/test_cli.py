@@ -24,6 +24,7 @@ from mien.graphics import Graphics
 from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, Point
 from mien.output.track import Track
+from mien.processes import progress_bar
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 from videos import known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
@@ -783,6 +784,17 @@ def test_without_standard_streams(video: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv"]
     assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 0
     assert len(Track.read(tmp_path / "out.csv")) == 6
+
+
+def test_where_there_is_no_terminal_nothing_but_messages_is_printed(
+    mien: Command, video: Path, marks: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before version 14.3 Rich ends even a bar that is disabled with an empty line."""
+    monkeypatch.setattr("rich.progress.Progress.stop", lambda self: print(file=sys.stderr))
+    assert mien("track", video, "--landmarks", marks, "--end", "0.01").err == ""
+    with progress_bar("looking for videos", quiet=False) as progress:
+        progress(1, 1, "in.mkv")
+    assert capsys.readouterr().err == ""
 
 
 def test_a_picture_among_the_images_of_the_video_is_refused(

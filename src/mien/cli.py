@@ -423,10 +423,12 @@ def _show_warning(
 @contextmanager
 def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
     """A progress bar with the speed and the state of the track, if stderr is a terminal."""
-    if quiet:
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:  # a bar that is disabled ends with an empty line in Rich before 14.3
         yield None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
@@ -436,8 +438,7 @@ def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task("looking for the face", total=None, speed="")
 
         first: list[float] = []  # end time of the first frame: the speed excludes finding and learning the face

@@ -123,17 +123,19 @@ def run_commands(
 
 @contextmanager
 def progress_bar(initial_text: str, quiet: bool) -> Iterator[Progress]:
-    """A progress bar on stderr that names the last job started; initial_text: shown before the first one."""
-    if quiet:
+    """A progress bar on stderr, if that is a terminal, that names the last job started; initial_text: shown before the
+    first one."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
         yield lambda done, total, name: None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
 
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    console = Console(stderr=True)
-    with RichProgress(*columns, console=console, disable=not console.is_terminal) as bar:
+    with RichProgress(*columns, console=console) as bar:
         task = bar.add_task(initial_text, total=None)
 
         def show(done: int, total: int, name: str) -> None:

@@ -69,7 +69,7 @@ def test_of_several_streams_the_one_is_read_that_players_show(tmp_path: Path) ->
         streams = [container.add_stream("ffv1", 25) for _ in range(2)]
         for stream, image in zip(streams, (gradient(0, 32, 24), gradient(0)), strict=True):
             stream.height, stream.width, stream.pix_fmt = *image.shape[:2], "bgr0"
-        streams[0].disposition, streams[1].disposition = Disposition(0), Disposition.default
+        streams[0].disposition, streams[1].disposition = 0, Disposition.default.value  # PyAV 15 takes numbers only
         for stream, image in zip(streams, (gradient(0, 32, 24), gradient(0)), strict=True):
             for picture in (av.VideoFrame.from_ndarray(image, format="rgb24"), None):
                 container.mux(stream.encode(picture))
@@ -81,7 +81,7 @@ def test_the_cover_of_a_sound_file_is_no_video(video: Path, monkeypatch: pytest.
 
     def with_cover(*args: Any, **options: Any) -> Any:
         container = opened(*args, **options)
-        container.streams.video[0].disposition = Disposition.attached_pic
+        container.streams.video[0].disposition = Disposition.attached_pic.value
         return container
 
     monkeypatch.setattr(av, "open", with_cover)
