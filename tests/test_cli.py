@@ -145,6 +145,28 @@ def test_the_table_takes_the_videos_name(mien: Command, video: Path, marks: Path
     assert names(tmp_path / "tables") == {"in.csv", "in.json", "in.parquet"}
 
 
+def test_the_track_of_another_video_of_the_same_name_is_not_replaced(
+    mien: Command, video: Path, marks: Path, tmp_path: Path
+) -> None:
+    """As in a loop over the folders of several people; that of the same video is, wherever that is now."""
+    asked = ("--landmarks", marks, "--end", "0.1", "--quiet")
+    assert mien("track", video, *asked).status == 0
+    before = (tmp_path / "in.csv").read_bytes()
+    for folder in ("other", "moved"):
+        (tmp_path / folder).mkdir()
+    write_video(tmp_path / "other" / "in.mkv", portrait_images()[1:])
+    (tmp_path / "moved" / "in.mkv").write_bytes(video.read_bytes())
+    for output in ([], ["-o", "."], ["-o", "./"]):
+        assert_refused(
+            mien("track", "other/in.mkv", *asked, *output), tmp_path, names(tmp_path), "in.csv is the track of", "-o"
+        )
+    assert (tmp_path / "in.csv").read_bytes() == before
+    assert mien("track", "moved/in.mkv", *asked).status == 0
+    assert mien("track", "other/in.mkv", *asked, "-o", "in.csv").status == 0
+    write_video(tmp_path / "other" / "in.mkv", portrait_images())
+    assert mien("track", "other/in.mkv", *asked).status == 0  # its file was replaced
+
+
 def test_missing_folders_are_made(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
     mien("track", video, "-o", "a/b/out", "--landmarks", marks, "--quiet")
     assert names(tmp_path / "a" / "b") == TABLES

@@ -183,10 +183,12 @@ def track(
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
     from mien.errors import require
     from mien.faces import track_faces
-    from mien.output.destination import Destination
+    from mien.output.destination import Destination, require_no_other_video
     from mien.pipeline.track import track as track_video
 
     table = _output_path(output, _stem(video) + ".csv")
+    if output is None or table != Path(output):  # nobody chose this name
+        require_no_other_video(table, Path(video))
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
     given |= {"start": start, "end": end, "fps": fps, "at_once": at_once, "passes": passes}
     given |= {"save": table, "overlay": overlay, "plot": plot, "gltf": gltf}
