@@ -311,6 +311,22 @@ def test_figures_are_pictures(out: Path) -> None:
         assert image.std() > 5
 
 
+def test_a_track_is_a_line_where_every_other_frame_has_truth(out: Path) -> None:
+    scores = load_scores(out)
+    one, *_ = scores.for_tracker("good")
+    truth = one.result.truth
+    assert truth is not None
+    assert truth.rotations is not None
+    sparse = np.where(np.arange(FRAMES)[:, None, None] % 2 == 0, truth.rotations, np.nan)
+    made = replace(scores, scores=(replace(one, result=replace(one.result, truth=replace(truth, rotations=sparse))),))
+    figure = angles_over_time(made, [one.result.sequence])
+    for axis in figure.axes:
+        track, line_of_truth = (np.asarray(line.get_xydata()) for line in axis.lines)
+        np.testing.assert_array_equal(track[:, 0], range(0, FRAMES, 2))
+        np.testing.assert_array_equal(line_of_truth[:, 0], range(0, FRAMES, 2))
+        assert np.isfinite(track).all()
+
+
 def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> None:
     scores = load_scores(out)
     one, *_ = scores.for_tracker("good")

@@ -196,10 +196,11 @@ def _reliability(scores: Scores) -> dict[str, metrics.Reliability]:
 
 
 def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
+    """Draw one angle in the frames that have truth, as a line also where these are far apart."""
     c = score.compared
-    estimate, sd = c.estimate_deg[:, k], c.sd_deg[:, k]
-    frames = np.arange(len(estimate))
-    axis.plot(frames, np.where(c.lost, np.nan, estimate), color=colour, linewidth=1.0)
+    frames = np.flatnonzero(c.known)
+    estimate, sd = c.estimate_deg[frames, k], c.sd_deg[frames, k]
+    axis.plot(frames, np.where(c.lost[frames], np.nan, estimate), color=colour, linewidth=1.0)
     if np.isfinite(sd).any():
         low, high = estimate - NORMAL_90 * sd, estimate + NORMAL_90 * sd
         axis.fill_between(frames, low, high, color=colour, alpha=0.2, linewidth=0)
