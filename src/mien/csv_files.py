@@ -4,6 +4,7 @@ commas."""
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TextIO
 
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(e[-+]?\d+)?\s*", re.IGNORECASE)
+_WORDS = {"": math.nan, "na": math.nan, "true": 1.0, "false": 0.0}
 
 
 def landmark_count(names: Iterable[str]) -> int:
@@ -41,6 +43,13 @@ def csv_rows(path: Path) -> Iterator[dict[str, str]]:
     with opened_csv(path) as file:
         for row in csv.DictReader(file, skipinitialspace=True):
             yield {name.strip(): (cell or "").strip() for name, cell in row.items() if isinstance(name, str)}
+
+
+def number_in(cell: str) -> float:
+    """The number in a cell: NaN if it is empty or, as R writes it, NA; 1 and 0 for what R and pandas write as TRUE and
+    False. Raises ValueError if it is none."""
+    known = _WORDS.get(cell.lower())
+    return float(cell) if known is None else known
 
 
 def _with_commas(file: TextIO, delimiter: str) -> StringIO:

@@ -314,10 +314,11 @@ def test_annotations_that_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_row_without_success_is_no_truth(tmp_path: Path) -> None:
-    root = _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", ["0,1,0,0,0", "1,0,,,", "2,0,-999,inf,0"])
+    rows = ["0,1,0,0,0", "1,0,,,", "2,0,-999,inf,0", "3,False,,,", "4,FALSE,NA,NA,NA", "5,True,0,0,0"]
+    root = _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", rows)
     truth = _truth("video", root)
     assert truth.rotations is not None
-    np.testing.assert_array_equal(np.isfinite(truth.rotations[:, 0, 0]), np.arange(FRAMES) == 0)
+    np.testing.assert_array_equal(np.isfinite(truth.rotations[:, 0, 0]), np.isin(np.arange(FRAMES), [0, 5]))
 
 
 def test_the_first_face_of_several_is_read(tmp_path: Path) -> None:

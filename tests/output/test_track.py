@@ -500,11 +500,14 @@ def test_a_table_that_others_have_written_again_is_read(how: dict[str, Any], tra
     assert again.table.column("age").to_pylist() == [31] * 4
 
 
-def test_whole_numbers_that_have_become_decimals_are_read(track: Track, tmp_path: Path) -> None:
+def test_whole_numbers_that_have_become_decimals_or_truth_values_are_read(track: Track, tmp_path: Path) -> None:
     pytest.importorskip("pandas")
     table = track.to_pandas()
     table.astype({"frame": float, "success": float}).to_csv(tmp_path / "out.csv", index=False)
     assert Track.read(tmp_path / "out.csv").table.equals(track.table)
+    for word in ({1: True, 0: False}, {1: "TRUE", 0: "FALSE"}):  # of pandas, of R
+        table.assign(success=table.success.map(word)).to_csv(tmp_path / "out.csv", index=False)
+        assert Track.read(tmp_path / "out.csv").table.equals(track.table)
     table.assign(frame=table.frame + 0.5).to_csv(tmp_path / "out.csv", index=False)
     with pytest.raises(MienError, match=r"out\.csv is not a track of mien"):
         Track.read(tmp_path / "out.csv")

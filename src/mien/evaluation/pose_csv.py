@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
-from mien.csv_files import csv_rows, landmark_count
+from mien.csv_files import csv_rows, landmark_count, number_in
 from mien.errors import MienError, require, warn
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import SCHEME_OF_COUNT
@@ -164,11 +164,11 @@ def _column(path: Path, rows: Sequence[dict[str, str]], name: str, default: floa
 
 
 def _columns(path: Path, rows: Sequence[dict[str, str]], names: Sequence[str]) -> Array:
-    """The numbers (n, k) of these columns; empty cells are NaN."""
+    """The numbers (n, k) of these columns; empty cells and those of R that hold NA are NaN."""
     missing = [n for n in names if n not in rows[0]]
     require(not missing, f"{path} lacks the column {missing[0] if missing else ''}; write the file again")
     try:
-        return np.array([[float(row[n] or "nan") for n in names] for row in rows])
+        return np.array([[number_in(row[n]) for n in names] for row in rows])
     except ValueError as e:
         raise MienError(f"{path}: a cell is not a number ({e}); correct the file") from e
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from mien.csv_files import opened_csv
+from mien.csv_files import number_in, opened_csv
 from mien.errors import MienError, require
 from mien.files import json_text
 from mien.output.columns import column_type, import_pandas
@@ -118,12 +118,17 @@ def _read_csv(path: Path) -> pa.Table:
     types = {n: known for n in names if (known := column_type(n)) is not None}
     # pandas writes whole numbers as 1.0 once a column has had gaps.
     read_as = {n: pa.float64() if known == pa.int64() else known for n, known in types.items()}
+    read_as |= {"success": pa.string()} if "success" in types else {}
     missing = ["", "NA", "NaN", "nan"]
     options = csv.ConvertOptions(column_types=read_as, null_values=missing, strings_can_be_null=True)
     # Not by its path: PyArrow opens no file whose name is not UTF-8.
     table = csv.read_csv(
         pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
     )
+    if "success" in types:  # pandas and R may have made it a column of truth values
+        column = names.index("success")
+        success = [None if cell is None else number_in(cell.strip()) for cell in table.column(column).to_pylist()]
+        table = table.set_column(column, "success", pa.array(success, pa.float64()))
     read = zip(names, table.schema.types, strict=True)
     return table.cast(pa.schema([(n, types.get(n, kind)) for n, kind in read]))
 
