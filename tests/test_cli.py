@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 
 from mien import cli
+from mien.errors import warn
 from mien.frame import Frame
 from mien.graphics import Graphics
 from mien.initialization.landmark_files import write_landmarks
@@ -817,6 +819,18 @@ def test_where_there_is_no_terminal_nothing_but_messages_is_printed(
     with progress_bar("looking for videos", quiet=False) as progress:
         progress(1, 1, "in.mkv")
     assert capsys.readouterr().err == ""
+
+
+def test_on_a_terminal_messages_have_lines_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # for Rich, a terminal
+    monkeypatch.setenv("TERM", "xterm")
+    with cli._progress_bar(quiet=False), warnings.catch_warnings():
+        cli._common()
+        warn("in.mkv: the face is turned")
+    lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in capsys.readouterr().err.splitlines()]
+    assert "mien: in.mkv: the face is turned" in lines, lines
 
 
 def test_a_picture_among_the_images_of_the_video_is_refused(

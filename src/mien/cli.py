@@ -398,7 +398,8 @@ def _print_scores(scores: Scores) -> None:
 
 
 def _print_error(sentence: str) -> None:
-    typer.echo(" ".join(sentence.split()), err=True)
+    # By `print`, above a progress bar if there is one: Click writes past it, behind its end.
+    print(" ".join(sentence.split()), file=sys.stderr)
 
 
 @cache
@@ -419,7 +420,7 @@ def _show_warning(
     if issubclass(category, MienWarning):
         _print_error_once(f"mien: {message}")
     else:
-        typer.echo(warnings.formatwarning(message, category, filename, lineno), err=True, nl=False)
+        print(warnings.formatwarning(message, category, filename, lineno), file=sys.stderr, end="")
 
 
 @contextmanager
