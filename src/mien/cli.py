@@ -342,6 +342,9 @@ def evaluate(
         _print_scores(scores)
         _print_written([written])
     commands.require_a_result(scores)
+    for score in scores.scores:
+        if quiet and score.failure:  # else there is a table of them
+            _print_error(f"mien: {score.result.sequence}: no result of {score.result.tracker}: {score.failure}")
 
 
 @app.command()

@@ -104,6 +104,19 @@ def test_from_python_nothing_is_printed(tmp_path: Path, capfd: pytest.CaptureFix
     assert capfd.readouterr() == ("", "")
 
 
+def test_quiet_tells_of_sequences_without_a_result(tmp_path: Path) -> None:
+    data = tiny.rendered(tmp_path / "data", ("a_uniform1", "b_wide1"))
+    np.savez(data / "b_wide1_truth.npz", R=np.full((6, 3, 3), np.nan))
+    status, printed = _mien(
+        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
+        "--timed", 0, "--quiet", "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert status == 0
+    (line,) = printed.splitlines()
+    assert line.startswith("mien: b_wide1: no result of evaluation.tiny:Still: ")
+    assert "not a finite number" in line
+
+
 def test_where_nothing_could_be_done_the_reason_is_given(tmp_path: Path) -> None:
     data = tiny.rendered(tmp_path / "data")
     np.savez(data / "a_uniform1_truth.npz", R=np.full((6, 3, 3), np.nan))
