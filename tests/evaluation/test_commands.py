@@ -117,6 +117,17 @@ def test_quiet_tells_of_sequences_without_a_result(tmp_path: Path) -> None:
     assert "not a finite number" in line
 
 
+def test_a_focal_length_in_millimetres_is_told(tmp_path: Path) -> None:
+    """Not landmarks that fit no face, as every face would be distorted beyond recognition."""
+    data = tiny.rendered(tmp_path / "data")
+    status, printed = _mien(
+        "evaluate", "rendered", data, "--trackers", "evaluation.tiny:Still", "--landmarks", "truth",
+        "--timed", 0, "--quiet", "--focal", 3.6, "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert status == 2
+    assert "a focal length of 3.6 pixels sees more than 150 degrees" in printed
+
+
 def test_where_nothing_could_be_done_the_reason_is_given(tmp_path: Path) -> None:
     data = tiny.rendered(tmp_path / "data")
     np.savez(data / "a_uniform1_truth.npz", R=np.full((6, 3, 3), np.nan))

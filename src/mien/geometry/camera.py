@@ -18,6 +18,8 @@ from mien.errors import require
 
 DEFAULT_FOV_DEG = 60.0
 """Field of view assumed for an unknown camera along the longer side of its image."""
+_WIDEST_DEG = 150.0
+"""Horizontal field of view beyond which no real lens follows the pinhole model."""
 _PINHOLE = 0.02
 """Largest share by which a calibrated camera may differ from one without distortion and with square pixels."""
 UNKNOWN_LOG_SD = 0.35
@@ -43,6 +45,16 @@ class Camera:
         require(self.focal_log_sd >= 0, f"the focal length has a standard deviation of {self.focal_log_sd:g}")
         for name, value in zip(("focal_px", "cx", "cy", "focal_log_sd"), values, strict=True):
             object.__setattr__(self, name, float(value))  # NumPy's numbers cannot be saved as JSON
+
+    def require_possible(self, width: int) -> None:
+        """Raise MienError if this camera sees more across an image of this width in pixels than a pinhole can, as where
+        a focal length is given in millimetres."""
+        widest = 0.5 * width / math.tan(math.radians(_WIDEST_DEG) / 2)
+        require(
+            self.focal_px >= widest,
+            f"a focal length of {self.focal_px:g} pixels sees more than {_WIDEST_DEG:g} degrees across a width of "
+            f"{width} pixels; mien assumes a lens without distortion; correct the focal length",
+        )
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float = DEFAULT_FOV_DEG) -> Camera:

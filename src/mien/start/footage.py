@@ -22,9 +22,6 @@ from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
 from mien.video import Video, check_interval, expected_count, select, warn_of_another_size
 
-_WIDEST_DEG = 150.0
-"""Horizontal field of view beyond which no real lens follows the pinhole model."""
-
 
 @dataclass(frozen=True)
 class Footage:
@@ -86,12 +83,7 @@ class Footage:
             camera = self.camera
         else:
             camera = read_camera(self.camera, (frame.width, frame.height))
-        widest = 0.5 * frame.width / math.tan(math.radians(_WIDEST_DEG) / 2)
-        require(
-            camera.focal_px >= widest,
-            f"a focal length of {camera.focal_px:g} pixels sees more than {_WIDEST_DEG:g} degrees across a width of "
-            f"{frame.width} pixels; mien assumes a lens without distortion; correct the focal length",
-        )
+        camera.require_possible(frame.width)
         if not (0 <= camera.cx <= frame.width and 0 <= camera.cy <= frame.height):
             warn(
                 f"the optical axis of the camera, at {camera.cx:g}, {camera.cy:g}, lies outside the image of "

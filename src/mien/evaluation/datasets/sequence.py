@@ -75,14 +75,17 @@ class Sequence:
     focal_per_width: float | None = None
 
     def camera_for(self, width: int, height: int) -> Camera:
-        """The camera for images of this size in pixels."""
+        """The camera for images of this size in pixels. Raises MienError if its field of view is too wide."""
         if self.camera is not None:
-            return self.camera
-        if self.focal_px is not None:
-            return Camera.centred(self.focal_px, width, height)
-        if self.focal_per_width is not None:
-            return Camera.centred(self.focal_per_width * width, width, height)
-        return Camera.unknown(width, height)
+            camera = self.camera
+        elif self.focal_px is not None:
+            camera = Camera.centred(self.focal_px, width, height)
+        elif self.focal_per_width is not None:
+            camera = Camera.centred(self.focal_per_width * width, width, height)
+        else:
+            camera = Camera.unknown(width, height)
+        camera.require_possible(width)
+        return camera
 
     def with_focal(self, focal_px: float) -> Sequence:
         """The same sequence with another focal length in pixels and an unchanged principal point."""
