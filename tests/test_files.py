@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
+from mien.errors import MienError
 from mien.files import checksum, json_text, require_writable, whole_file
 
 
@@ -28,6 +31,13 @@ def test_a_missing_folder_is_created(tmp_path: Path) -> None:
         with whole_file(path) as file:
             file.write_text("new")
         assert path.read_text() == "new"
+
+
+def test_a_name_that_is_too_long_is_refused_before_anything_is_done(tmp_path: Path) -> None:
+    require_writable(tmp_path / f"{'n' * 247}.parquet")
+    with pytest.raises(MienError, match=r"cannot be written \(file name too long\); choose a shorter name"):
+        require_writable(tmp_path / f"{'n' * 248}.parquet")
+    assert not list(tmp_path.iterdir())
 
 
 def test_lists_of_numbers_stand_on_one_line_and_strings_stay_as_they_are() -> None:

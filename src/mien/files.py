@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +67,11 @@ def require_writable(path: Path) -> None:
     """Create the folder of `path`; raise MienError if a file cannot be written there."""
     try:
         create_temporary(path).unlink()
+        with suppress(FileNotFoundError):
+            path.lstat()  # fails for a longer name than the file system allows, which that of a temporary file is not
     except OSError as error:
-        raise MienError(f"{path} cannot be written ({reason_of(error)}); choose another place") from error
+        what = "a shorter name" if error.errno == errno.ENAMETOOLONG else "another place"
+        raise MienError(f"{path} cannot be written ({reason_of(error)}); choose {what}") from error
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")
 
 
