@@ -500,6 +500,16 @@ def test_a_table_that_others_have_written_again_is_read(how: dict[str, Any], tra
     assert again.table.column("age").to_pylist() == [31] * 4
 
 
+def test_a_table_that_was_sorted_otherwise_is_read_in_the_order_of_its_frames(track: Track, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    table = track.to_pandas()
+    table.iloc[[2, 0, 3, 1]].to_csv(tmp_path / "out.csv", index=False)
+    assert Track.read(tmp_path / "out.csv").table.equals(track.table)
+    table.iloc[[0, 1, 2, 3, 0]].to_csv(tmp_path / "out.csv", index=False)
+    with pytest.raises(MienError, match=r"out\.csv has two rows for one frame; keep one"):
+        Track.read(tmp_path / "out.csv")
+
+
 def test_whole_numbers_that_have_become_decimals_or_truth_values_are_read(track: Track, tmp_path: Path) -> None:
     pytest.importorskip("pandas")
     table = track.to_pandas()

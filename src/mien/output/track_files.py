@@ -11,6 +11,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from mien.csv_files import number_in, opened_csv
@@ -53,7 +54,8 @@ def is_table_of_track(path: Path) -> bool:
 
 
 def read_table(path: Path) -> pa.Table:
-    """The table of a `.csv` or `.parquet` file. Raises MienError if it is not that of a track."""
+    """The table of a `.csv` or `.parquet` file, in the order of its frames. Raises MienError if it is not that of a
+    track."""
     import_pandas()
     try:
         table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_csv(path)
@@ -67,7 +69,14 @@ def read_table(path: Path) -> pa.Table:
     require(not empty, f"{path}: a cell of the column {', '.join(empty)} is empty; fill it, or delete the row")
     unknown = set(table.column("status").to_pylist()) - {status.value for status in Status}
     require(not unknown, f"{path}: unknown status {', '.join(map(str, sorted(unknown)))}; correct it")
-    return table
+    frames = np.asarray(table.column("frame"))
+    if (np.diff(frames) > 0).all():
+        return table
+    require(
+        len(np.unique(frames)) == len(frames),
+        f"{path} has two rows for one frame; keep one of them, or the rows of one face",
+    )
+    return table.take(np.argsort(frames))
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
