@@ -36,7 +36,8 @@ _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What the eyes do in the views that show them moved, in turn: half closed, shut, looking to either side."""
 _MIRRORED_EYES = (0, 1, 3, 2)
 """Which of these the mirror image of a face shows."""
-_EYE_VIEWS = 4
+_EYE_VIEWS = 2
+"""Every how many pairs of views show them so."""
 _CLEAR = 0.5
 """Depth behind the face's own surface, as a share of the depth at which a landmark is hidden, beyond which a view
 teaches nothing of it."""
