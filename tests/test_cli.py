@@ -29,7 +29,7 @@ from mien.output.track import Track
 from mien.processes import progress_bar
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
-from videos import known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
+from videos import Device, known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
 
 TABLES = {"out.csv", "out.json", "out.parquet"}
 
@@ -167,6 +167,25 @@ def test_the_track_of_another_video_of_the_same_name_is_not_replaced(
     assert mien("track", "other/in.mkv", *asked, "-o", "in.csv").status == 0
     write_video(tmp_path / "other" / "in.mkv", portrait_images())
     assert mien("track", "other/in.mkv", *asked).status == 0  # its file was replaced
+
+
+def test_what_a_camera_has_shown_is_never_replaced(
+    mien: Command, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each recording has a name of its own, and one that was chosen must be free: it cannot be made again."""
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: Device(portrait_images(2)))
+    asked = ("track", 0, "--landmarks", marks, "--quiet")
+    assert mien(*asked).status == 0
+    (first,) = tmp_path.glob("*.csv")
+    assert re.fullmatch(r"camera-0(-[0-9]{2,4}){6}\.csv", first.name)
+    assert_refused(
+        mien(*asked, "-o", first), tmp_path, names(tmp_path), f"{first} exists", "choose another name, or move it away"
+    )
+    (tmp_path / "o.mp4").touch()
+    named = (*asked, "-o", "session.csv")
+    assert_refused(mien(*named, "--overlay", "o.mp4"), tmp_path, names(tmp_path), "o.mp4 exists")
+    assert mien(*named).status == 0
+    assert {path.name for path in tmp_path.glob("*.csv")} == {first.name, "session.csv"}
 
 
 def test_missing_folders_are_made(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:

@@ -62,6 +62,22 @@ def write_video(
     return path
 
 
+class Device:
+    """A camera, as OpenCV opens it, that shows images (H, W, 3) and that somebody then unplugs."""
+
+    def __init__(self, images: Iterable[Pixels]) -> None:
+        self.images, self.released = [image[..., ::-1] for image in images], False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, Pixels | None]:
+        return (True, self.images.pop(0)) if self.images else (False, None)
+
+    def release(self) -> None:
+        self.released = True
+
+
 def turn_by_metadata(path: Path, shown: tuple[int, int, int, int] = (0, 1, -1, 0)) -> None:
     """Say in an MP4's track header that what is at (x, y) is to be shown at (a x + c y, b x + d y), `shown` being a, b,
     c, d: turned clockwise by 90 degrees unless given."""

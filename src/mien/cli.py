@@ -14,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from functools import cache
 from io import TextIOWrapper
 from pathlib import Path
@@ -156,7 +157,12 @@ def track(
     video: Video,
     output: Annotated[
         str | None,
-        typer.Option("-o", "--output", metavar="PATH", help="The table; by default VIDEO's name.csv in this folder."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="The table; by default VIDEO's name.csv in this folder, of a camera with the date and the time.",
+        ),
     ] = None,
     preset: Preset = "realtime",
     landmarks: LandmarkFile = None,
@@ -183,11 +189,13 @@ def track(
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
     from mien.errors import require
     from mien.faces import track_faces
-    from mien.output.destination import Destination, require_no_other_video
+    from mien.output.destination import Destination, require_new, require_no_other_video
     from mien.pipeline.track import track as track_video
 
     table = _output_path(output, _stem(video) + ".csv")
-    if output is None or table != Path(output):  # nobody chose this name
+    if _is_camera(video):
+        require_new(Destination(table, overlay).paths())
+    elif output is None or table != Path(output):  # nobody chose this name
         require_no_other_video(table, Path(video))
     given: dict[str, Any] = {"preset": preset, "camera": camera, "focal_px": focal, "fov_deg": fov}
     given |= {"start": start, "end": end, "fps": fps, "at_once": at_once, "passes": passes}
@@ -359,11 +367,16 @@ def report(
     _print_written([commands.report(directory, form, protocol)])
 
 
+def _is_camera(video: str) -> bool:
+    return video.isdecimal() and not Path(video).exists()
+
+
 def _stem(video: str) -> str:
-    """The name for the results of a video: the stem of the file, the name of the folder, or `camera-0`."""
+    """The name for the results of a video: the stem of the file, the name of the folder, or of a camera, whose
+    recordings cannot be made again, a new one each time: `camera-0-2024-02-29-18-05-09`."""
+    if _is_camera(video):
+        return f"camera-{video}-{datetime.now():%Y-%m-%d-%H-%M-%S}"
     path = Path(video)
-    if video.isdecimal() and not path.exists():
-        return f"camera-{video}"
     return path.resolve().name if path.is_dir() else path.stem
 
 

@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
 from mien.video import backwards, decode_frame, open_video
-from videos import gradient
+from videos import Device, gradient
 
 
 def test_frames_of_a_program_are_a_video_that_is_shown_once() -> None:
@@ -102,24 +101,8 @@ def test_camera_that_is_not_there() -> None:
     assert open_video("97").name == open_video(np.int64(97)).name == "camera 97"  # type: ignore[arg-type]
 
 
-class Device:
-    """A camera that shows three images, and that somebody then unplugs."""
-
-    def __init__(self, number: int) -> None:
-        self.images, self.released = [gradient(index)[..., ::-1] for index in range(3)], False
-
-    def isOpened(self) -> bool:
-        return True
-
-    def read(self) -> tuple[bool, Pixels | None]:
-        return (True, self.images.pop(0)) if self.images else (False, None)
-
-    def release(self) -> None:
-        self.released = True
-
-
 def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = Device(0)
+    device = Device(gradient(index) for index in range(3))
     monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
     frames = list(open_video(0))
     assert device.released

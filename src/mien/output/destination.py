@@ -111,6 +111,15 @@ def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
         require_writable(path)
 
 
+def require_new(paths: Iterable[Path]) -> None:
+    """Raise MienError if one of the files of a recording that cannot be made again exists."""
+    for path in paths:
+        require(
+            not exists(path),
+            f"{path} exists, and what a camera has shown cannot be tracked again; choose another name, or move it away",
+        )
+
+
 def require_no_other_video(table: Path, video: Path) -> None:
     """Raise MienError if a table is the track of another video than this one: of another path, with other content."""
     known: object = None
