@@ -83,8 +83,9 @@ class Destination:
     def write(self, track: Track) -> None:
         """Write the table, of which NAME.json names the pictures, the plot and the head; the overlay is written
         while tracking."""
-        if self.plot is not None:
-            self.plot.unlink(missing_ok=True)  # if this is stopped, no earlier track's plot is left with the table
+        for old in (self.plot, self.gltf):  # if this is stopped, none of an earlier track is left with the table
+            if old is not None:
+                real_path(old).unlink(missing_ok=True)  # a link to it stays
         if self.table is not None:
             pictures = {"overlay": self.overlay, "plot": self.plot}
             names = {name: None if path is None else path.name for name, path in pictures.items()}
