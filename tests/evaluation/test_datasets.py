@@ -337,3 +337,16 @@ def test_unknown_names_and_folders(tmp_path: Path) -> None:
         load_dataset("bu", tmp_path)
     with pytest.raises(MienError, match="does not exist"):
         load_dataset("buft", tmp_path / "nothing")
+
+
+def test_the_folder_that_one_is_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`.` is called what that folder is called: by a CSV beside it, and by the light of its videos."""
+    truth = tmp_path / "subject.csv"
+    truth.write_text("frame,pose_Rx,pose_Ry,pose_Rz\n0,0,0,0\n")
+    (tmp_path / "subject" / "inner").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "subject" / "0.png"), np.zeros((48, 64, 3), np.uint8))
+    for folder, here in ((tmp_path / "subject", "."), (tmp_path / "subject" / "inner", "..")):
+        monkeypatch.chdir(folder)
+        assert [sequence.truth_files for sequence in load_dataset("video", Path(here))] == [(truth,)]
+    monkeypatch.chdir(tiny.buft(tmp_path / "varying", ("jam1",)))
+    assert [sequence.kind for sequence in load_dataset("buft", Path())] == ["varying-light"]

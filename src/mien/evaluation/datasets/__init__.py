@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -28,6 +29,7 @@ def load_dataset(name: str, path: Path) -> tuple[Sequence, ...]:
     """
     require(name in DATASETS, f"unknown data set {name!r}; the data sets are {', '.join(DATASETS)}")
     require(path.exists(), f"{path} does not exist; give the folder that contains the data set")
+    path = Path(os.path.abspath(path)) if path.name in ("", "..") else path  # the name of a folder tells its kind
     sequences = DATASETS[name](path)
     names = [sequence.name for sequence in sequences]
     twice = sorted({name for name in names if names.count(name) > 1})
