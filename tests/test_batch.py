@@ -22,7 +22,7 @@ from mien.batch import BatchOptions, find_videos, run, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
-from mien.output.overlay import OverlayWriter
+from mien.output.overlay_video import OverlayWriter
 from mien.output.summary import Row
 from mien.output.track import Track
 from mien.output.track_files import ENDINGS

@@ -15,7 +15,7 @@ from mien.errors import require
 from mien.files import require_writable, whole_file
 from mien.geometry.rotation import FACING, euler_from_matrix
 from mien.initialization.landmark_files import write_landmarks
-from mien.output.overlay import OverlayWriter, comment_of
+from mien.output.overlay_video import OverlayWriter, comment_of
 from mien.output.track import Track
 from mien.output.track_files import track_paths
 from mien.pipeline.track import track

@@ -1,18 +1,16 @@
-"""Overlays: what is drawn where, and videos that keep the frames' own times."""
+"""Overlays: what is drawn where."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
 
 from mien.arrays import Array
 from mien.candide.model import Candide
-from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
@@ -22,7 +20,6 @@ from mien.output.overlay import (
     SEEN,
     FaceOverlay,
     Mesh,
-    OverlayWriter,
     Pixels,
     _close_up,
     draw,
@@ -146,71 +143,3 @@ def test_png_there_and_back(tmp_path: Path) -> None:
     back = cv2.cvtColor(cv2.imread(str(tmp_path / "picture.png")), cv2.COLOR_BGR2RGB)
     np.testing.assert_array_equal(back, pixels)
     assert [p.name for p in tmp_path.iterdir()] == ["picture.png"]
-
-
-def test_a_video_keeps_times_colours_and_an_even_size(tmp_path: Path) -> None:
-    times = [2.0, 2.04, 2.5, 2.5, 3.25]
-    colour = np.array([200, 60, 40], dtype=np.uint8)
-    with OverlayWriter(tmp_path / "overlay.mp4") as writer:
-        for time in times:
-            writer.write(np.full((91, 121, 3), colour), time)
-        assert not (tmp_path / "overlay.mp4").exists()
-    assert [p.name for p in tmp_path.iterdir()] == ["overlay.mp4"]
-    with av.open(str(tmp_path / "overlay.mp4")) as container:
-        frames = list(container.decode(video=0))
-        assert container.streams.video[0].codec_context.name == "h264"
-    np.testing.assert_allclose([f.time for f in frames], np.array(times) - 2, atol=1e-4)
-    assert {(f.width, f.height, f.format.name) for f in frames} == {(120, 90, "yuv420p")}
-    assert np.abs(frames[2].to_ndarray(format="rgb24").astype(int) - colour).max() < 12
-
-
-@pytest.mark.parametrize("size", [(120, 16386), (32770, 200)])
-def test_what_is_too_large_for_the_encoder_is_scaled_down(size: tuple[int, int], tmp_path: Path) -> None:
-    colour = np.array([200, 60, 40], dtype=np.uint8)
-    with OverlayWriter(tmp_path / "overlay.mp4") as writer:
-        writer.write(np.full((*size, 3), colour), 0.0)
-    with av.open(str(tmp_path / "overlay.mp4")) as container:
-        frame = next(container.decode(video=0))
-    assert max(frame.width, frame.height) == 16384
-    assert frame.width / frame.height == pytest.approx(size[1] / size[0], rel=0.02)
-    assert np.abs(frame.to_ndarray(format="rgb24").astype(int) - colour).max() < 12
-
-
-def test_what_the_encoder_refuses_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mien.output.overlay._LARGEST_SIDE", 1 << 20)
-    with (
-        pytest.raises(MienError, match=r"overlay\.mp4 cannot be encoded \(.*external library\); scale"),
-        OverlayWriter(tmp_path / "overlay.mp4") as writer,
-    ):
-        writer.write(np.zeros((120, 16386, 3), dtype=np.uint8), 0.0)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_video_without_frames_leaves_nothing(tmp_path: Path) -> None:
-    with OverlayWriter(tmp_path / "overlay.mp4"):
-        pass
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_interrupted_video_holds_what_was_written(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), OverlayWriter(tmp_path / "overlay.mp4") as writer:  # noqa: PT012
-        writer.write(np.zeros((90, 120, 3), dtype=np.uint8), 0.0)
-        raise KeyboardInterrupt
-    with av.open(str(tmp_path / "overlay.mp4")) as container:
-        assert len(list(container.decode(video=0))) == 1
-
-
-def test_a_video_that_fails_leaves_the_one_that_is_there(tmp_path: Path) -> None:
-    path = tmp_path / "overlay.mp4"
-    path.write_bytes(b"of yesterday")
-    with pytest.raises(ZeroDivisionError), OverlayWriter(path) as writer:  # noqa: PT012
-        writer.write(np.zeros((48, 64, 3), np.uint8), 0.0)
-        raise ZeroDivisionError
-    assert path.read_bytes() == b"of yesterday"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_that_cannot_be_created_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(MienError, match=r"file/overlay.*cannot be written"):
-        OverlayWriter(tmp_path / "file" / "overlay.mp4")

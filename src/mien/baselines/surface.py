@@ -40,13 +40,12 @@ class Pose:
 class Surface:
     """Points (N, 3) and unit normals (N, 3) in head axes, row by row from the top, N = rows * columns.
 
-    angle: (N,) radians around the head, 0 in front; height: (N,) from -1 at the chin to 1 at the top.
+    angle: (N,) radians around the head, 0 in front.
     """
 
     points: Array
     normals: Array
     angle: Array
-    height: Array
 
     def seen(self, pose: Pose) -> tuple[Array, Array]:
         """Points (N, 3) in camera axes, and the cosines (N,) between their normals and the viewing rays."""
@@ -69,7 +68,7 @@ def cylinder(fit: FirstFrame) -> Surface:
     normals = np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)])
     y = 0.5 * (low + high) + 0.5 * (high - low) * height
     points = r * normals + np.column_stack([0 * y, y, c + 0 * y])
-    return Surface(points @ fit.R_head_fit.T, normals @ fit.R_head_fit.T, angle, height)
+    return Surface(points @ fit.R_head_fit.T, normals @ fit.R_head_fit.T, angle)
 
 
 def ellipsoid(fit: FirstFrame) -> Surface:
@@ -90,11 +89,11 @@ def ellipsoid(fit: FirstFrame) -> Surface:
     gradient = np.column_stack([s * np.sin(angle), m * y, s * np.cos(angle)])
     points = np.column_stack([s * np.sin(angle), middle + y, c + s * np.cos(angle)])
     normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
-    return Surface(points @ fit.R_head_fit.T, normals @ fit.R_head_fit.T, angle, height)
+    return Surface(points @ fit.R_head_fit.T, normals @ fit.R_head_fit.T, angle)
 
 
 def _grid() -> tuple[Array, Array]:
-    """Angles and heights (N,) of the grid."""
+    """Angles in radians, 0 in front, and heights, from -1 at the chin to 1 at the top, (N,) of the grid."""
     front = np.radians(FRONT_DEG)
     height, angle = np.meshgrid(np.linspace(1, -1, ROWS), np.linspace(-front, front, COLUMNS), indexing="ij")
     return angle.ravel(), height.ravel()

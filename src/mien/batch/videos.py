@@ -140,7 +140,7 @@ def _files_below(folder: Path) -> list[Path]:
 def _is_overlay(file: Path) -> bool:
     """Whether a video is an overlay of mien: by its name, with the table to which it belongs beside it, or by what the
     file states, whatever its name."""
-    from mien.output.overlay import is_overlay
+    from mien.output.overlay_video import is_overlay
 
     table = file.with_name(f"{file.name.removesuffix(OVERLAY_SUFFIX)}.csv")
     named = file.name.endswith(OVERLAY_SUFFIX) and table.exists()

@@ -171,7 +171,8 @@ def _draw(
     path: Path, frames: Iterator[Frame], faces: Sequence[TrackedFace], report: Callable[[Estimate], None]
 ) -> None:
     """Write the overlay video with all faces, each with its number."""
-    from mien.output.overlay import FaceOverlay, OverlayWriter, draw
+    from mien.output.overlay import FaceOverlay, draw
+    from mien.output.overlay_video import OverlayWriter
 
     with OverlayWriter(path) as writer:
         for frame, *estimates in zip(frames, *(face.track.estimates() for face in faces), strict=False):

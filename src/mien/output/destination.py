@@ -169,7 +169,7 @@ def _require_own(table: Path) -> None:
 
 def _require_own_overlay(path: Path) -> None:
     """Raise MienError if a video exists that mien has not written."""
-    from mien.output.overlay import is_overlay
+    from mien.output.overlay_video import is_overlay
 
     require(
         not size_of(path) or is_overlay(path),

@@ -25,7 +25,8 @@ def drawing(
     if path is None and window is None:
         yield lambda frame, estimate, tracker: None
         return
-    from mien.output.overlay import FaceOverlay, OverlayWriter, draw
+    from mien.output.overlay import FaceOverlay, draw
+    from mien.output.overlay_video import OverlayWriter
 
     begins = begin.passed[0].time if begin.passed else None
     with OverlayWriter(path, begins) if path else nullcontext() as writer:
