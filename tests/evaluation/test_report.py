@@ -17,6 +17,7 @@ from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Shifted, face68, head_rotations
 from mien.errors import MienError, MienWarning
 from mien.evaluation import tables
+from mien.evaluation.cells import NONE
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
@@ -28,7 +29,7 @@ from mien.evaluation.report import write_report
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.run import run_sequence
 from mien.evaluation.scores import Scores, load_scores
-from mien.evaluation.tables import NONE, Table
+from mien.evaluation.tables import Table
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
 
@@ -144,7 +145,9 @@ def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
     assert _rows(tables.jitter(scores))[0]["uniform"] == f"{np.sqrt(3) / 4:.3f}"
     (cost,) = _rows(tables.cost(scores))  # that of `shifted` was made by other code
     assert (cost["tracker"], cost["frames/s"], cost["median (ms)"]) == ("good", "5.0", "200.00")
-    assert cost["cores busy"] == "2.0"
+    assert (cost["memory (MB)"], cost["cores busy"]) == ("99", "2.0")
+    on_windows = replace(scores, timings=(replace(scores.timings[0], peak_mb=np.nan),))
+    assert _rows(tables.cost(on_windows))[0]["memory (MB)"] == NONE
     failed = _rows(tables.failures(scores))
     assert [(r["tracker"], r["sequence"], r["reason"]) for r in failed] == [
         ("bad", "a_uniform1", "it rained"),

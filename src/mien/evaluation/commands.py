@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mien.errors import MienError, warn
 from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, run_plan
+from mien.evaluation.cells import listed
 from mien.evaluation.plan import Plan, is_tracker, split_names
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.evaluation.report import write_report
 from mien.evaluation.scores import Scores, load_scores
-from mien.evaluation.tables import listed
 from mien.processes import Progress
 from mien.registry import TRACKERS
 

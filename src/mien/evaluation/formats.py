@@ -7,7 +7,8 @@ import html
 import io
 from collections.abc import Iterable, Sequence
 
-from mien.evaluation.tables import NONE, Table
+from mien.evaluation.cells import NONE
+from mien.evaluation.tables import Table
 
 _LATEX = {"%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "$": r"\$", "±": r"$\pm$", "°": r"$^\circ$", "²": "$^2$"}
 _LATEX |= {"—": "--", "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}

@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mien.arrays import Array
 from mien.evaluation import metrics
-from mien.evaluation.datasets import buft
+from mien.evaluation.cells import (
+    NONE,
+    calibration_cells,
+    coverage_of_buft,
+    done_of,
+    listed,
+    lost_of,
+    mean,
+    number,
+    percent,
+    sequences_of,
+    sum_of,
+    table_1_cells,
+)
 from mien.evaluation.protocols import Protocol
 from mien.evaluation.published import REBASED_REFERENCES, TABLE_1
 from mien.evaluation.scores import (
@@ -19,12 +32,9 @@ from mien.evaluation.scores import (
     aligned_errors,
     pooled,
     pooled_errors,
-    spread_of_errors,
     success_rate,
 )
 from mien.tracking.state import EXPRESSION_NAMES
-
-NONE = "—"
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,11 @@ def published_and_measured(scores: Scores) -> Table | None:
     if scores.protocol is Protocol.REBASED:
         rows += [(name, "published: BUFT, 45 sequences", NONE, *cells) for name, *cells in REBASED_REFERENCES]
     rows += [
-        (t, f"measured here: {scores.evaluation.dataset} {k}, {_sequences(chosen)}", *_table_1_cells(scores, chosen))
+        (
+            t,
+            f"measured here: {scores.evaluation.dataset} {k}, {sequences_of(chosen)}",
+            *table_1_cells(chosen, scores.evaluation.lost_deg),
+        )
         for t, k, chosen in _by_kind(scores, lambda s: s.has_pose)
     ]
     threshold = f"P_s counts frames whose e_i is at most ({scores.evaluation.lost_deg:g} degrees)². "
@@ -108,8 +122,8 @@ def by_kind(scores: Scores) -> Table:
     rows = []
     for t in scores.trackers:
         if chosen := scores.with_pose(t):
-            errors = (_number(float(pooled_errors(scores.with_pose(t, k)).mean())) for k in scores.kinds)
-            rows.append((t, *errors, _lost(chosen), _done(scores, t)))
+            errors = (number(float(pooled_errors(scores.with_pose(t, k)).mean())) for k in scores.kinds)
+            rows.append((t, *errors, lost_of(chosen), done_of(scores, t)))
     return Table(
         "kinds",
         "Rotation error by kind of sequence",
@@ -127,8 +141,8 @@ def angles_by_kind(scores: Scores) -> Table:
         tilt, pan, roll = pooled_errors(chosen)
         p_s = success_rate(chosen, scores.evaluation.lost_deg)
         aligned = float(aligned_errors(chosen).mean()) if scores.protocol.in_head_axes else math.nan
-        cells = [_number(v) for v in (tilt, pan, roll, (tilt + pan + roll) / 3, aligned)]
-        rows.append((tracker, kind, str(len(chosen)), _lost(chosen), _percent(p_s), *cells))
+        cells = [number(v) for v in (tilt, pan, roll, (tilt + pan + roll) / 3, aligned)]
+        rows.append((tracker, kind, str(len(chosen)), lost_of(chosen), percent(p_s), *cells))
     angles = ("tilt (°)", "pan (°)", "roll (°)", "mean (°)", "axes aligned (°)")
     return Table(
         "angles",
@@ -148,7 +162,7 @@ def landmarks(scores: Scores) -> Table:
         raw = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_px)))
         free = metrics.root_mean_square(pooled(chosen, lambda s: _array(s.frame_rms_without_offset_px)))
         share = pooled(chosen, lambda s: _array(s.frame_rms_px) / s.eye_distance_px)
-        rows.append((tracker, kind, _number(raw), _number(free), _percent(metrics.root_mean_square(share))))
+        rows.append((tracker, kind, number(raw), number(free), percent(metrics.root_mean_square(share))))
     return Table(
         "landmarks",
         "Landmarks: RMS of the twelve points of Fig. 3",
@@ -167,12 +181,12 @@ def animation(scores: Scores) -> Table:
     for tracker, kind, chosen in _by_kind(scores, lambda s: bool(s.expression_moves)):
         values = np.array([s.unit_correlations for s in chosen])
         if np.isfinite(values).any():
-            rows.append((tracker, kind, *(_number(_mean(unit)) for unit in values.T)))
+            rows.append((tracker, kind, *(number(mean(unit)) for unit in values.T)))
     return Table(
         "animation",
         "Animation: correlation with the truth",
         "Mean over sequences. The counterparts in ARKit's shapes, left and right averaged: "
-        + "; ".join(f"{unit} = {_sum(shapes)}" for unit, shapes in metrics.UNIT_COUNTERPARTS.items())
+        + "; ".join(f"{unit} = {sum_of(shapes)}" for unit, shapes in metrics.UNIT_COUNTERPARTS.items())
         + ".",
         ("tracker", "kind", *EXPRESSION_NAMES),
         tuple(rows),
@@ -186,7 +200,7 @@ def false_movements(scores: Scores) -> Table:
         values = np.array([s.false_movement for s in chosen])
         if np.isfinite(values).any():
             largest = np.where(np.isnan(values), -np.inf, values).max(axis=0)
-            rows.append((tracker, kind, *(_number(v) for v in largest)))
+            rows.append((tracker, kind, *(number(v) for v in largest)))
     return Table(
         "false-movement",
         "Animation: false movement under pose alone",
@@ -199,7 +213,7 @@ def false_movements(scores: Scores) -> Table:
 def calibration(scores: Scores) -> Table:
     """Coverage of the intervals, normalised squared error, and calibration error of the confidence."""
     by_kind = _by_kind(scores, lambda s: s.has_pose)
-    rows = [(tracker, kind, *_calibration_cells(chosen)) for tracker, kind, chosen in by_kind]
+    rows = [(tracker, kind, *calibration_cells(chosen)) for tracker, kind, chosen in by_kind]
     levels = tuple(f"{level:.0%} interval (%)" for level in metrics.COVERAGE_LEVELS)
     angles = tuple(f"{metrics.ANGLE_LEVEL:.0%} of {angle} (%)" for angle in ("tilt", "pan", "roll"))
     return Table(
@@ -217,7 +231,7 @@ def calibration(scores: Scores) -> Table:
 def jitter(scores: Scores) -> Table:
     """Standard deviation of the second difference of the error."""
     rows = [
-        (t, *(_number(_mean(np.array([s.jitter_deg for s in scores.with_pose(t, k)])), 3) for k in scores.kinds))
+        (t, *(number(mean(np.array([s.jitter_deg for s in scores.with_pose(t, k)])), 3) for k in scores.kinds))
         for t in scores.trackers
         if scores.with_pose(t)
     ]
@@ -236,7 +250,7 @@ def cost(scores: Scores) -> Table:
     for t in scores.timings:
         ms = 1000 * np.array(t.frame_seconds)
         cells = [f"{t.frames_per_second:.1f}", f"{np.median(ms):.2f}", f"{np.percentile(ms, 99):.2f}"]
-        cells += [f"{t.training_seconds:.2f}", f"{t.peak_mb:.0f}", f"{t.busy_cores:.1f}"]
+        cells += [f"{t.training_seconds:.2f}", number(t.peak_mb, 0), f"{t.busy_cores:.1f}"]
         rows.append((t.tracker, t.sequence, *cells))
     return Table(
         "cost",
@@ -264,9 +278,9 @@ def sequences(scores: Scores) -> Table:
     rows = []
     for s in scores.scores:
         if not s.failure:
-            pose = [_number(v) for v in (*s.mean_errors, s.mean_errors.mean())] if s.comparison else [NONE] * 4
+            pose = [number(v) for v in (*s.mean_errors, s.mean_errors.mean())] if s.comparison else [NONE] * 4
             rms = s.frame_rms_px
-            points = NONE if rms is None else _number(metrics.root_mean_square(rms))
+            points = NONE if rms is None else number(metrics.root_mean_square(rms))
             r = s.result
             rows.append((r.tracker, r.sequence, r.kind, str(s.frames), str(s.lost), *pose, points))
     return Table(
@@ -290,52 +304,6 @@ def failures(scores: Scores) -> Table:
     )
 
 
-def listed(names: Iterable[str]) -> str:
-    """The names, each once, with commas between."""
-    return ", ".join(dict.fromkeys(names))
-
-
-def _sequences(chosen: Sequence[Score]) -> str:
-    return f"{len(chosen)} sequence{'s' if len(chosen) != 1 else ''}"
-
-
-def _table_1_cells(scores: Scores, chosen: Sequence[Score]) -> tuple[str, ...]:
-    tilt, pan, roll = pooled_errors(chosen)
-    sd_tilt, sd_pan, sd_roll = spread_of_errors(chosen)
-    angles = [_with_spread(v, sd) for v, sd in ((pan, sd_pan), (tilt, sd_tilt), (roll, sd_roll))]
-    p_s = _percent(success_rate(chosen, scores.evaluation.lost_deg))
-    return p_s, *angles, _number((pan + tilt + roll) / 3)
-
-
-def _calibration_cells(chosen: Sequence[Score]) -> tuple[str, ...]:
-    error = pooled(chosen, lambda s: s.error_deg[s.calibrated])
-    sd = pooled(chosen, lambda s: s.compared.sd_deg[s.calibrated])
-    covariance = pooled(chosen, lambda s: s.compared.covariance_deg2[s.calibrated])
-    confidence = pooled(chosen, lambda s: s.confidence[s.calibrated])
-    rotation_error = pooled(chosen, lambda s: s.compared.rotation_error_deg[s.calibrated])
-    nees = metrics.normalised_error_squared(error, covariance)
-    return (
-        *(_percent(metrics.coverage(error, sd, level)) for level in metrics.COVERAGE_LEVELS),
-        *(_percent(metrics.coverage(error[:, k], sd[:, k], metrics.ANGLE_LEVEL)) for k in range(3)),
-        _number(_mean(nees)),
-        _percent(metrics.reliability(confidence, rotation_error).gap),
-    )
-
-
-def coverage_of_buft(scores: Scores) -> str:
-    """A sentence on which of the 45 uniform-light sequences of BUFT are present."""
-    if scores.evaluation.dataset != "buft":
-        return ""
-    e = scores.evaluation
-    named = zip(e.sequences, e.kinds_of_sequences, strict=True)
-    names = tuple(name for name, kind in named if kind == buft.UNIFORM)
-    absent = buft.missing(names)
-    present = [n for n in buft.COMPLETE if n in names]
-    if not absent:
-        return "All 45 sequences of the uniform-light set are present."
-    return f"Of the 45 sequences of the uniform-light set {len(present)} are present: {', '.join(present) or 'none'}."
-
-
 def _by_kind(scores: Scores, wanted: Callable[[Score], bool]) -> Iterator[tuple[str, str, list[Score]]]:
     """Each tracker with each kind of sequence, and the scores that are wanted of these, where there are any."""
     for tracker in scores.trackers:
@@ -345,36 +313,6 @@ def _by_kind(scores: Scores, wanted: Callable[[Score], bool]) -> Iterator[tuple[
                 yield tracker, kind, chosen
 
 
-def _lost(chosen: Sequence[Score]) -> str:
-    return f"{sum(s.lost for s in chosen)} of {sum(s.frames for s in chosen)}"
-
-
-def _done(scores: Scores, tracker: str) -> str:
-    return f"{len(scores.with_pose(tracker))} of {len(scores.evaluation.sequences)}"
-
-
 def _array(values: Array | None) -> Array:
     assert values is not None
     return values
-
-
-def _mean(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else float("nan")
-
-
-def _number(value: float, digits: int = 2) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else NONE
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f}" if np.isfinite(share) else NONE
-
-
-def _with_spread(value: float, sd: float) -> str:
-    return f"{_number(value)} ± {_number(sd)}" if np.isfinite(sd) else _number(value)
-
-
-def _sum(shapes: Mapping[str, float]) -> str:
-    text = " ".join(f"{'+' if sign > 0 else '-'} {name}" for name, sign in shapes.items())
-    return text.removeprefix("+ ")
