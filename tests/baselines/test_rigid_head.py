@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,6 +31,16 @@ def test_the_face_is_found_where_it_is(head: RigidHead) -> None:
     found = head.relocate(sequence.frames[0])
     np.testing.assert_allclose(found.t, sequence.t[0], atol=0.08)
     np.testing.assert_allclose(found.R, face().fit.R)
+
+
+def test_a_face_that_the_border_cuts_is_found_where_it_is(head: RigidHead) -> None:
+    """The template is then not about the middle of the face."""
+    (u, _), _ = face().camera.project(face().fit.t)
+    for left in (0, round(u) - 10):
+        frame = Frame(np.ascontiguousarray(face().frame.pixels[:, left:]))
+        camera = replace(face().camera, cx=face().camera.cx - left)
+        cut = RigidHead.from_first_frame(frame, face().fit, camera, head.surface)
+        np.testing.assert_allclose(cut.relocate(frame).t, face().fit.t, atol=1e-9)
 
 
 def test_a_head_is_out_of_sight_outside_the_image_and_from_behind(head: RigidHead) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mien.arrays import Float32
+from mien.arrays import Array, Float32
 from mien.baselines.surface import GRAZING, Pose, Surface
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -28,12 +28,14 @@ PATCH_UNITS = (0.5, 0.7)
 
 @dataclass(frozen=True)
 class RigidHead:
-    """The head of the first frame: its fit, camera and surface, and a small face template to search for."""
+    """The head of the first frame: its fit, camera and surface, and a small face template (h, w) to search for, with
+    the place (2,) in it of the head's origin, x and y, which the border of the image may have moved off its middle."""
 
     fit: FirstFrame
     camera: Camera
     surface: Surface
     patch: Float32
+    origin: Array
 
     @classmethod
     def from_first_frame(cls, frame: Frame, fit: FirstFrame, camera: Camera, surface: Surface) -> RigidHead:
@@ -43,7 +45,7 @@ class RigidHead:
         height, width = small.shape
         x0, x1 = np.clip(np.round([u * scale - half[0], u * scale + half[0]]), 0, width).astype(int)
         y0, y1 = np.clip(np.round([v * scale - half[1], v * scale + half[1]]), 0, height).astype(int)
-        return cls(fit, camera, surface, small[y0:y1, x0:x1])
+        return cls(fit, camera, surface, small[y0:y1, x0:x1], np.array([u * scale - x0, v * scale - y0]))
 
     @property
     def first(self) -> Pose:
@@ -55,7 +57,7 @@ class RigidHead:
         small, scale = _shrunk(frame, self.camera, self.fit)
         match = cv2.matchTemplate(small, self.patch, cv2.TM_CCOEFF_NORMED)
         _, _, _, (x, y) = cv2.minMaxLoc(match)
-        centre = (np.array([x, y]) + 0.5 * (np.array(self.patch.shape[::-1]) - 1)) / scale
+        centre = (np.array([x, y]) + self.origin) / scale
         z = float(self.fit.t[2])
         shift = (centre - [self.camera.cx, self.camera.cy]) * z / self.camera.focal_px
         return Pose(self.fit.R, np.array([shift[0], shift[1], z]))
