@@ -29,6 +29,7 @@ LAYERS = (
     ("evaluation",),
     ("baselines",),
     ("demo",),
+    ("terminal",),
     ("cli",),
     ("worker", "__main__"),
 )

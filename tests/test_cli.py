@@ -26,7 +26,7 @@ from mien.graphics import Graphics
 from mien.initialization.landmark_files import write_landmarks
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks, Point
 from mien.output.track import Track
-from mien.processes import progress_bar
+from mien.terminal import frames_bar, jobs_bar
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 from videos import Device, known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
@@ -835,7 +835,7 @@ def test_where_there_is_no_terminal_nothing_but_messages_is_printed(
     """Before version 14.3 Rich ends even a bar that is disabled with an empty line."""
     monkeypatch.setattr("rich.progress.Progress.stop", lambda self: print(file=sys.stderr))
     assert mien("track", video, "--landmarks", marks, "--end", "0.01").err == ""
-    with progress_bar("looking for videos", quiet=False) as progress:
+    with jobs_bar("looking for videos", quiet=False) as progress:
         progress(1, 1, "in.mkv")
     assert capsys.readouterr().err == ""
 
@@ -845,7 +845,7 @@ def test_on_a_terminal_messages_have_lines_of_their_own(
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # for Rich, a terminal
     monkeypatch.setenv("TERM", "xterm")
-    with cli._progress_bar(quiet=False), warnings.catch_warnings():
+    with frames_bar(quiet=False), warnings.catch_warnings():
         cli._common()
         warn("in.mkv: the face is turned")
     lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in capsys.readouterr().err.splitlines()]

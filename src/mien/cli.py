@@ -12,24 +12,17 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from datetime import datetime
-from functools import cache
 from io import TextIOWrapper
 from pathlib import Path
-from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from mien._version import __version__
 from mien.errors import MienError, MienWarning, interruption
-
-if TYPE_CHECKING:
-    from mien.evaluation.scores import Scores
-    from mien.tracking.state import Estimate
+from mien.terminal import frames_bar, jobs_bar, print_error, print_error_once, print_scores, print_written, show_warning
 
 # Read when NumPy is first imported. Tracking multiplies thousands of small matrices, for which BLAS threads cost more
 # time than they save, especially on a busy machine; to track several videos faster, use several processes.
@@ -46,17 +39,17 @@ class _Group(TyperGroup):
         try:
             return super().invoke(ctx)
         except MienError as error:
-            _print_error(f"mien: {error}")
+            print_error(f"mien: {error}")
             raise typer.Exit(BAD_INPUT) from error
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise
-            _print_error(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
+            print_error(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
             raise typer.Exit(BAD_INPUT) from error
         except (KeyboardInterrupt, SystemError, RuntimeError) as error:
             if not isinstance(interruption(error), KeyboardInterrupt):
                 raise
-            _print_error("mien: interrupted")
+            print_error("mien: interrupted")
             raise typer.Exit(INTERRUPTED) from error
 
 
@@ -134,9 +127,9 @@ def _open_standard_streams() -> None:
 
 @app.callback(invoke_without_command=True)
 def _common(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    warnings.showwarning = _show_warning
+    warnings.showwarning = show_warning
     warnings.simplefilter("always", MienWarning)
-    _print_error_once.cache_clear()
+    print_error_once.cache_clear()
     if version:
         typer.echo(__version__)
         raise typer.Exit
@@ -203,7 +196,7 @@ def track(
     for_one = {"--landmarks": landmarks, "--face": face, "--show": show or None}
     unwanted = [name for name, value in for_one.items() if value is not None]
     require(faces == 1 or not unwanted, f"{', '.join(unwanted)}: for one face only; omit it, or omit --faces")
-    with _progress_bar(quiet) as progress:
+    with frames_bar(quiet) as progress:
         if faces == 1:
             tracks = [track_video(video, landmarks=landmarks, face=face, show=show, progress=progress, **given)]
         else:
@@ -213,7 +206,7 @@ def track(
             which = "the face" if faces == 1 else f"face {face_id}"
             typer.echo(f"{len(result)} frame{'s' * (len(result) != 1)}, {which} lost in {result.lost}")
         files = Destination(table, overlay, plot, gltf)
-        _print_written([path for face_id in range(len(tracks)) for path in files.of_face(face_id).paths()])
+        print_written([path for face_id in range(len(tracks)) for path in files.of_face(face_id).paths()])
 
 
 @app.command()
@@ -240,10 +233,9 @@ def batch(
     """Track many videos, several at a time, continue where an earlier run stopped, and write a summary."""
     from mien.batch import BatchOptions, track_all
     from mien.output.summary import FAILED, KEPT, SUMMARY, TRACKED
-    from mien.processes import progress_bar
 
     options = BatchOptions(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
-    with progress_bar("looking for videos", quiet) as progress:
+    with jobs_bar("looking for videos", quiet) as progress:
         rows = track_all(paths, out, options, jobs, progress, forked=True)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}
     if not quiet:
@@ -252,7 +244,7 @@ def batch(
         typer.echo(f"wrote {out / SUMMARY}")
     for row in rows:
         if row.state == FAILED:
-            _print_error(f"mien: {row.video}: {row.note}")
+            print_error(f"mien: {row.video}: {row.note}")
     if count[FAILED]:
         raise MienError(f"{count[FAILED]} of {len(rows)} videos could not be tracked; {out / SUMMARY} lists them all")
 
@@ -302,7 +294,7 @@ def landmarks(
     )
     if not quiet:
         typer.echo(f"the fitted mesh is {fit.residual_px:.2f} pixels (root mean square) from the landmarks")
-        _print_written(written)
+        print_written(written)
 
 
 @app.command()
@@ -327,10 +319,9 @@ def evaluate(
 ) -> None:
     """Run trackers on a data set, continue where an earlier run stopped, and write the report."""
     from mien.evaluation import commands
-    from mien.processes import progress_bar
 
     limits = {"lost_deg": lost, "time_limit": time_limit}
-    with progress_bar("reading the data set", quiet) as progress:
+    with jobs_bar("reading the data set", quiet) as progress:
         scores, written = commands.evaluate(
             dataset,
             path,
@@ -347,12 +338,12 @@ def evaluate(
             **{name: value for name, value in limits.items() if value is not None},
         )
     if not quiet:
-        _print_scores(scores)
-        _print_written([written])
+        print_scores(scores)
+        print_written([written])
     commands.require_a_result(scores)
     for score in scores.scores:
         if quiet and score.failure:  # else there is a table of them
-            _print_error(f"mien: {score.result.sequence}: no result of {score.result.tracker}: {score.failure}")
+            print_error(f"mien: {score.result.sequence}: no result of {score.result.tracker}: {score.failure}")
 
 
 @app.command()
@@ -364,7 +355,7 @@ def report(
     """Write the tables of an evaluation again, without running anything."""
     from mien.evaluation import commands
 
-    _print_written([commands.report(directory, form, protocol)])
+    print_written([commands.report(directory, form, protocol)])
 
 
 def _is_camera(video: str) -> bool:
@@ -386,94 +377,3 @@ def _output_path(output: str | None, name: str) -> Path:
     if output is None or output.endswith(("/", os.sep)) or Path(output).is_dir():
         return Path(output or "", name)
     return Path(output)
-
-
-def _print_written(paths: list[Path]) -> None:
-    for path in paths:
-        typer.echo(f"wrote {path}")
-
-
-def _print_scores(scores: Scores) -> None:
-    """The tables of an evaluation that say most."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Column, Table
-
-    from mien.evaluation.tables import by_kind, failures, landmarks
-
-    console = Console()
-    for table in (by_kind(scores), landmarks(scores), failures(scores)):
-        if table.rows:
-            # Truncated names with the same beginning would be indistinguishable.
-            columns = [Column(name, overflow="fold") for name in table.columns]
-            shown = Table(*columns, title=table.title, title_justify="left")
-            for row in table.rows:
-                shown.add_row(*map(escape, row))
-            console.print(shown)
-    console.print(f"protocol: {scores.protocol.value}", highlight=False)
-
-
-def _print_error(sentence: str) -> None:
-    # By `print`, above a progress bar if there is one: Click writes past it, behind its end.
-    print(" ".join(sentence.split()), file=sys.stderr)
-
-
-@cache
-def _print_error_once(sentence: str) -> None:
-    """Problems of a file are found again each time it is read."""
-    _print_error(sentence)
-
-
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    """Print warnings of mien as one sentence, all others as Python does."""
-    if issubclass(category, MienWarning):
-        _print_error_once(f"mien: {message}")
-    else:
-        print(warnings.formatwarning(message, category, filename, lineno), file=sys.stderr, end="")
-
-
-@contextmanager
-def _progress_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
-    """A progress bar with the speed and the state of the track, if stderr is a terminal."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:  # a bar that is disabled ends with an empty line in Rich before 14.3
-        yield None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[speed]}"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("looking for the face", total=None, speed="")
-
-        first: list[float] = []  # end time of the first frame: the speed excludes finding and learning the face
-
-        def advance(estimate: Estimate, total: int | None) -> None:
-            if not first:
-                first.append(monotonic())
-            seconds = monotonic() - first[0]
-            speed = f"{bar.tasks[0].completed / seconds:.1f} frames/s" if seconds > 0.2 else ""
-            bar.update(task, advance=1, total=total, speed=speed, description=_state(estimate))
-
-        yield advance
-
-
-def _state(estimate: Estimate) -> str:
-    """`tracked, confidence 97%`, or `lost: REASON`."""
-    if estimate.status.success:
-        return f"{estimate.status.value}, confidence {100 * estimate.confidence:.0f}%"
-    return f"lost: {estimate.reason}"

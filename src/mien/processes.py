@@ -121,29 +121,6 @@ def run_commands(
             process.close(GRACE_SECONDS)
 
 
-@contextmanager
-def progress_bar(initial_text: str, quiet: bool) -> Iterator[Progress]:
-    """A progress bar on stderr, if that is a terminal, that names the last job started; initial_text: shown before the
-    first one."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield lambda done, total, name: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as RichProgress
-
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    with RichProgress(*columns, console=console) as bar:
-        task = bar.add_task(initial_text, total=None)
-
-        def show(done: int, total: int, name: str) -> None:
-            bar.update(task, completed=done, total=total, description=name)
-
-        yield show
-
-
 class _Forked:
     """A call in a forked process, with the interface of `subprocess.Popen`."""
 

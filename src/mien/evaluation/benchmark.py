@@ -34,7 +34,7 @@ of one core. MediaPipe ignores this and starts its own threads: `Timing.busy_cor
 
 NOT_USED = (
     "batch", "evaluation", "faces", "output", "pipeline", "start", "__main__.py", "cli.py", "demo.py", "live.py",
-    "processes.py", "synthetic.py", "worker.py",
+    "processes.py", "synthetic.py", "terminal.py", "worker.py",
 )  # fmt: skip
 """Parts of mien on which results do not depend, apart from `READERS`."""
 READERS = [
