@@ -75,7 +75,7 @@ def _stream(
     """first: the tracker of the first face; every later one is created."""
     patience: Patience | None = None
     tracker: Tracker | None = None
-    seen, doubtful = 0.0, False
+    seen, doubtful = 0.0, False  # when the face was last seen without doubt, and whether the last frame leaves any
     for frame in footage.video:
         if patience is None:
             if face is not None:

@@ -23,12 +23,12 @@ from mien.start.footage import Footage
 from mien.start.search import DETECTION_INTERVAL
 from mien.threads import one_blas_thread
 from mien.tracking.state import Estimate
-from mien.video import open_video
+from mien.video import Source, open_video
 
 
 @one_blas_thread()
 def track_faces(
-    video: str | Path,
+    video: Source,
     faces: int,
     *,
     preset: str = DEFAULT_PRESET,
@@ -46,8 +46,8 @@ def track_faces(
     plot: str | Path | None = None,
     gltf: str | Path | None = None,
 ) -> list[Track]:
-    """Track up to `faces` faces of a video file or a folder of images, in order of appearance, the largest first of
-    those that appear together.
+    """Track up to `faces` faces of a video file, a folder of images or a list of frames, in order of appearance, the
+    largest first of those that appear together.
 
     The other arguments are those of `mien.track`. The first face has NAME.csv, its plot and its head, the second
     NAME.face1.csv, and so on; `overlay` shows all of them. NAME.json states their number; until the last face is done,

@@ -74,16 +74,8 @@ def find_face(
     else:
         found = next(((frame, faces) for frame in recorded() if (faces := patience(frame))), None)
     if found is None:
-        place = "" if at is None else f" at {at[0]:g}, {at[1]:g}"
-        frames_searched = f"in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s"
-        if patience is not None and patience.first_detection is not None:
-            raise MienError(
-                f"{name}: no face looks into the camera{place} {frames_searched}; at_once learns one as it is"
-            )
-        raise MienError(
-            f"{name}: no face was found{place} {frames_searched}; "
-            "annotate one and pass --landmarks, or enlarge or brighten the video"
-        )
+        waiting = patience is not None and patience.first_detection is not None
+        raise MienError(f"{name}: {_no_face(times, at, waiting)}")
     first, faces = found
     if first.time > times[0]:
         warn(f"{name}: a face is first found at {first.time:.2f} s")
@@ -93,6 +85,16 @@ def find_face(
             f"--face X Y chooses another, and --faces {len(faces)} tracks all of them"
         )
     return first, replace(faces[0], source=f"{name}, detected face")
+
+
+def _no_face(times: Sequence[float], at: Point | None, waiting: bool) -> str:
+    """That no face was found at a point in frames with these times, in seconds, and the remedy. waiting: whether one
+    was seen that did not look into the camera."""
+    place = "" if at is None else f" at {at[0]:g}, {at[1]:g}"
+    searched = f"{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s"
+    if waiting:
+        return f"no face looks into the camera{searched}; at_once learns one as it is"
+    return f"no face was found{searched}; annotate one and pass --landmarks, or enlarge or brighten the video"
 
 
 class Patience:
