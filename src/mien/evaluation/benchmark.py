@@ -65,14 +65,14 @@ def run_plan(
     _require_own_files(plan, sequences)
     require_writable(plan.out / "evaluation.json")
     evaluation = Evaluation(
-        plan.dataset,
-        plan.protocol,
-        plan.landmarks,
-        plan.lost_deg,
-        tuple(label(t) for t in plan.trackers),
-        tuple(s.name for s in sequences),
-        tuple(s.kind for s in sequences),
-        command_of(plan),
+        dataset=plan.dataset,
+        protocol=plan.protocol,
+        landmarks=plan.landmarks,
+        lost_deg=plan.lost_deg,
+        trackers=tuple(label(t) for t in plan.trackers),
+        sequences=tuple(s.name for s in sequences),
+        kinds_of_sequences=tuple(s.kind for s in sequences),
+        command=command_of(plan),
     )
     evaluation.save(plan.out)
     timed = partial(_run, time_limit=time_limit, progress=progress)
@@ -115,7 +115,14 @@ def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
     inputs = _digest([code, *(_checksum(f) for f in files)])[:12]
     file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{inputs}.json"
     return Job(
-        "landmarks", plan.dataset, str(plan.root), sequence.name, str(file), plan.landmarks, str(file), plan.focal_px
+        task="landmarks",
+        dataset=plan.dataset,
+        root=str(plan.root),
+        sequence=sequence.name,
+        landmarks=str(file),
+        source=plan.landmarks,
+        out=str(file),
+        focal_px=plan.focal_px,
     )
 
 
@@ -138,19 +145,7 @@ def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
         "focal_px": plan.focal_px,
     }
     out = result_path(plan.out, name, sequence.name)
-    return Job(
-        "track",
-        plan.dataset,
-        str(plan.root),
-        sequence.name,
-        first.out,
-        plan.landmarks,
-        str(out),
-        plan.focal_px,
-        own,
-        name,
-        settings,
-    )
+    return replace(first, task="track", out=str(out), tracker=own, label=name, settings=settings)
 
 
 def timing_jobs(plan: Plan, tracks: Sequence[Job]) -> list[Job]:

@@ -96,22 +96,23 @@ def read_pose_csv(path: Path) -> PoseTable:
     from_zero = bool((frame == 0).any()) or by_mien
     time = _column(path, rows, "timestamp", np.nan)
     rate, first = _rate_and_first(frame, time)
+    closing = [_column(path, rows, name, np.nan) for name in _CLOSING]
     return PoseTable(
-        path,
-        frame.astype(np.intp),
-        numbered,
-        0 if from_zero else first,
-        tracked,
-        np.nan_to_num(_column(path, rows, "confidence", 1.0)),
-        time,
-        None if angles is None else _rotations(angles),
-        _columns(path, rows, TRANSLATION) if set(TRANSLATION) <= set(names) else None,
-        None if landmarks is None else landmarks.reshape(len(rows), count, 2),
-        _columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
-        np.stack([_column(path, rows, n, np.nan) for n in _CLOSING], axis=1) if _CLOSING[0] in names else None,
-        rate,
-        by_mien,
-        angles,
+        source=path,
+        frame=frame.astype(np.intp),
+        numbered=numbered,
+        first=0 if from_zero else first,
+        tracked=tracked,
+        confidence=np.nan_to_num(_column(path, rows, "confidence", 1.0)),
+        time=time,
+        rotation=None if angles is None else _rotations(angles),
+        translation_mm=_columns(path, rows, TRANSLATION) if set(TRANSLATION) <= set(names) else None,
+        landmarks=None if landmarks is None else landmarks.reshape(len(rows), count, 2),
+        animation=_columns(path, rows, TRACKED_UNITS) if set(TRACKED_UNITS) <= set(names) else None,
+        eyes_closed=np.stack(closing, axis=1) if _CLOSING[0] in names else None,
+        rate=rate,
+        by_mien=by_mien,
+        angles=angles,
     )
 
 
