@@ -350,3 +350,26 @@ def test_the_folder_that_one_is_in(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert [sequence.truth_files for sequence in load_dataset("video", Path(here))] == [(truth,)]
     monkeypatch.chdir(tiny.buft(tmp_path / "varying", ("jam1",)))
     assert [sequence.kind for sequence in load_dataset("buft", Path())] == ["varying-light"]
+
+
+def test_hidden_files_are_no_sequences(tmp_path: Path) -> None:
+    """As macOS puts beside every file on a disk that is not its own."""
+    text = tiny.pts(face68())
+    poses = ["0,0,0,0", "1,0,0,0"]
+    roots = {
+        "buft": tiny.buft(tmp_path / "buft", ("jam1",)),
+        "rendered": tiny.rendered(tmp_path / "rendered"),
+        "talking-face": tiny.talking_face(tmp_path / "talking", face68(), text, (0,)),
+        "video": _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", poses),
+    }
+    before = {name: load_dataset(name, root) for name, root in roots.items()}
+    for root in roots.values():
+        for file in [p for p in root.iterdir() if p.is_file()]:
+            file.with_name(f"._{file.name}").write_bytes(b"Mac OS X")
+        (root / ".thumbnails").mkdir()
+        (root / ".thumbnails" / "franck_00000.jpg").touch()
+    for name, root in roots.items():
+        after = load_dataset(name, root)
+        assert [(s.name, s.video, s.truth_files) for s in after] == [
+            (s.name, s.video, s.truth_files) for s in before[name]
+        ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,7 @@ from mien.evaluation import metrics
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.plan import file_name
 from mien.evaluation.protocols import ANGLE_NAMES, rotation_of
-from mien.evaluation.scores import Score, Scores, pooled, success_rate
+from mien.evaluation.scores import Score, Scores, pooled
 from mien.files import whole_file
 from mien.output.plots import NORMAL_90
 
@@ -74,11 +75,11 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
 def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     """For each of these sequences, the angles of truth and trackers, with the interval if there is one."""
     figure = _figure(11, 1.9 * len(names))
-    axes = figure.subplots(len(names), 3, squeeze=False, sharex="row")
+    axes, colours = figure.subplots(len(names), 3, squeeze=False, sharex="row"), _colours(scores)
     for row, name in zip(axes, names, strict=True):
         for k, axis in enumerate(row):
             for i, score in enumerate(_with_pose(scores, name)):
-                _plot_angle(axis, score, k, COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)])
+                _plot_angle(axis, score, k, colours[score.result.tracker])
                 if i == 0:
                     known = np.flatnonzero(score.compared.known)
                     truth = score.compared.truth_deg[known, k]
@@ -101,8 +102,7 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     for axis, name in zip(axes, names, strict=False):
         for score in _with_points(scores, name):
             annotated, rms = _annotated_rms(score)
-            colour = COLOURS[scores.trackers.index(score.result.tracker) % len(COLOURS)]
-            axis.plot(annotated, rms, color=colour, linewidth=1.0)
+            axis.plot(annotated, rms, color=_colours(scores)[score.result.tracker], linewidth=1.0)
         axis.set_title(name, fontsize=9)
         axis.set_ylim(bottom=0)
         _tidy(axis)
@@ -121,7 +121,7 @@ def error_against_head_angle(scores: Scores) -> Figure:
     figure = _figure(7, 4)
     axis = figure.subplots()
     few = len(scores.trackers) <= _FEW
-    for tracker, colour in zip(scores.trackers, _colours(), strict=False):
+    for tracker, colour in _colours(scores).items():
         chosen = scores.with_pose(tracker)
         if chosen:
             turned = pooled(chosen, lambda s: _head_angle_deg(s)[s.compared.known])
@@ -149,10 +149,12 @@ def success_against_threshold(scores: Scores) -> Figure:
     figure = _figure(7, 4)
     axis = figure.subplots()
     thresholds = np.linspace(0.5, 60, 120)
-    for tracker, colour in zip(scores.trackers, _colours(), strict=False):
+    for tracker, colour in _colours(scores).items():
         chosen = scores.with_pose(tracker)
         if chosen:
-            rates = [100 * success_rate(chosen, t) for t in thresholds]
+            squared = pooled(chosen, lambda s: s.compared.squared_error)
+            known = pooled(chosen, lambda s: s.compared.known)
+            rates = [100 * metrics.success_rate(squared, known, t) for t in thresholds]
             axis.plot(thresholds, rates, color=colour, label=tracker)
     axis.axvline(scores.evaluation.lost_deg, color="#999999", linestyle=":", label="threshold of the tables")
     axis.set_xlabel("threshold on the root of e_i (degrees)")
@@ -168,7 +170,7 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     figure = _figure(6, 5)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)
-    for (tracker, r), colour in zip(diagrams.items(), _colours(), strict=False):
+    for (tracker, r), colour in zip(diagrams.items(), cycle(COLOURS), strict=False):
         if r.count.any():
             above.plot(r.confidence, r.right, color=colour, marker="o", label=tracker)
             below.stairs(r.count, r.edges, color=colour, fill=True, alpha=0.35)
@@ -271,8 +273,7 @@ def _legend(figure: Figure, scores: Scores, shown: Sequence[Score], extra: tuple
     from matplotlib.lines import Line2D
 
     drawn = {score.result.tracker for score in shown}
-    named = [(t, c) for t, c in zip(scores.trackers, _colours(), strict=False) if t in drawn]
-    entries = [Line2D([], [], color=c, label=t) for t, c in named]
+    entries = [Line2D([], [], color=c, label=t) for t, c in _colours(scores).items() if t in drawn]
     if extra is not None:
         entries.append(Line2D([], [], color=extra[1], linestyle="--", label=extra[0]))
     longest = max((len(str(entry.get_label())) for entry in entries), default=0)
@@ -282,5 +283,6 @@ def _legend(figure: Figure, scores: Scores, shown: Sequence[Score], extra: tuple
     figure.legend(handles=entries, loc="outside upper left", ncols=columns, frameon=False)
 
 
-def _colours() -> tuple[str, ...]:
-    return COLOURS * 4
+def _colours(scores: Scores) -> dict[str, str]:
+    """The colour of each tracker; more trackers than there are colours share them."""
+    return dict(zip(scores.trackers, cycle(COLOURS), strict=False))

@@ -16,7 +16,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.errors import require, warn
-from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
+from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_frames
 from mien.evaluation.pose_csv import PoseTable, read_pose_csv
 from mien.geometry.rotation import FACING
 from mien.video import VIDEO_SUFFIXES, open_video
@@ -28,7 +28,7 @@ _OTHER_RATE = 0.1
 def load(path: Path) -> tuple[Sequence, ...]:
     """Load every video that has a CSV of the same name beside it."""
     alone = path.is_file() or path.with_name(f"{path.name}.csv").is_file()
-    candidates = [path] if alone else sorted(path.iterdir())
+    candidates = [path] if alone else found_in(path, "*")
     known = [p for p in candidates if p.is_dir() or p.suffix.lower() in VIDEO_SUFFIXES or p == path]
     pairs = [(p, p.with_name(f"{_name(p)}.csv")) for p in known]
     annotated = [(video, truth) for video, truth in pairs if truth.is_file() and truth != video]

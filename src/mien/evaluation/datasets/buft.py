@@ -18,13 +18,14 @@ as well, which leaves frame 0 without truth. Any other length is an error.
 from __future__ import annotations
 
 from functools import partial
+from glob import escape
 from pathlib import Path
 
 import numpy as np
 
 from mien.arrays import Array
 from mien.errors import MienError, require
-from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
+from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_finite
 from mien.video import VIDEO_SUFFIXES
 
 SUBJECTS = ("jam", "jim", "llm", "ssm", "vam")
@@ -38,7 +39,7 @@ FOCAL_PER_WIDTH = 500 / 320
 
 def load(root: Path) -> tuple[Sequence, ...]:
     """Load all sequences in a folder and its subfolders: videos that have a `.dat` of the same name."""
-    videos = sorted(p for p in root.rglob("*") if p.suffix.lower() in VIDEO_SUFFIXES)
+    videos = [p for p in found_in(root, "**/*") if p.suffix.lower() in VIDEO_SUFFIXES]
     pairs = [(video, dat) for video in videos if (dat := _dat_of(root, video)) is not None]
     require(
         bool(pairs),
@@ -99,7 +100,7 @@ def _dat_of(root: Path, video: Path) -> Path | None:
     beside = video.with_suffix(".dat")
     if beside.exists():
         return beside
-    elsewhere = sorted(root.rglob(beside.name))
+    elsewhere = found_in(root, f"**/{escape(beside.name)}")
     same_light = [p for p in elsewhere if _kind(root, p) == _kind(root, video)]
     return next(iter(same_light or elsewhere), None)
 

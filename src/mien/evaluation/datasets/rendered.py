@@ -22,7 +22,7 @@ import numpy as np
 from mien.arrays import Array
 from mien.errors import MienError, require
 from mien.evaluation.datasets import buft
-from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite, require_frames
+from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_finite, require_frames
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.video import VIDEO_SUFFIXES
@@ -36,7 +36,7 @@ size, by a camera with twice the numbers, and averaged."""
 
 def load(root: Path) -> tuple[Sequence, ...]:
     """Load all sequences of a folder: videos that have a `_truth.npz` or a `.dat` of the same name."""
-    videos = sorted(p for p in root.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES) if root.is_dir() else []
+    videos = [p for p in found_in(root, "*") if p.suffix.lower() in VIDEO_SUFFIXES]
     found = [s for video in videos if (s := _sequence(video)) is not None]
     require(
         bool(found),

@@ -94,6 +94,13 @@ class Sequence:
         return replace(self, focal_px=focal_px)
 
 
+def found_in(root: Path, pattern: str) -> list[Path]:
+    """The files and folders below a folder that match a pattern of `Path.glob`, in order; without hidden ones, as macOS
+    puts beside each file on a foreign disk."""
+    found = (p for p in root.glob(pattern) if not any(part.startswith(".") for part in p.relative_to(root).parts))
+    return sorted(found)
+
+
 def require_frames(truth: int, video: int, source: Path) -> None:
     """Raise MienError if truth and video differ in their number of frames: nothing is truncated silently."""
     require(

@@ -21,7 +21,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.errors import MienError, require
-from mien.evaluation.datasets.sequence import Sequence, Truth, require_finite
+from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_finite
 from mien.evaluation.points12 import POINT_NAMES, TWELVE
 from mien.initialization.landmark_files import PTS_ORIGIN, read_landmarks
 from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
@@ -33,7 +33,7 @@ FGNET_POINTS = (27, 29, 34, 32, 67, 41, 39, 43, 48, 54, 51, 57)
 def load(root: Path) -> tuple[Sequence, ...]:
     """Load the one sequence of a folder."""
     require(root.is_dir(), f"{root} is not a folder; give the one with the images or the video and the point files")
-    points = {p.stem: p for p in sorted(root.rglob("*.pts"))}
+    points = {p.stem: p for p in found_in(root, "**/*.pts")}
     require(
         bool(points),
         f"{root} contains no point file; Talking Face has franck_00000.pts .. beside its images or its video",
@@ -70,11 +70,11 @@ def is_fgnet(points: Array) -> bool:
 
 def _frames(root: Path, points: Mapping[str, Path]) -> tuple[dict[str, int], Path]:
     """The frame index for each name, and the video or the folder of images."""
-    images = [p for p in sorted(root.rglob("*")) if p.suffix.lower() in IMAGE_SUFFIXES]
+    images = [p for p in found_in(root, "**/*") if p.suffix.lower() in IMAGE_SUFFIXES]
     if images:
         folder = images[0].parent
         return {p.stem: i for i, p in enumerate(list_images(folder))}, folder
-    videos = [p for p in sorted(root.rglob("*")) if p.suffix.lower() in VIDEO_SUFFIXES]
+    videos = [p for p in found_in(root, "**/*") if p.suffix.lower() in VIDEO_SUFFIXES]
     require(len(videos) == 1, f"{root} contains no images and {len(videos)} videos; it needs the images or one video")
     return {name: _number(file) for name, file in points.items()}, videos[0]
 
