@@ -41,13 +41,12 @@ class MediaPipeTracker:
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None
-        self._lost = False
         rows = rows_reported("mediapipe478")
         self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Detect the face, and use its landmarks with their depths as the mesh."""
-        self._camera = camera
+        self._camera, self._shape, self._lost = camera, None, False
         with silenced():
             points = self._detect(frame)
         if points is None:
