@@ -15,8 +15,6 @@ from mien.frame import Frame
 
 BEGIN, CHANCE = 15, 0.06
 """Frame before which nothing comes, and how probable it is from one frame to the next that something does."""
-
-
 PATTERN = 90
 """Side of the piece of a picture that is painted on a board."""
 

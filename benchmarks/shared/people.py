@@ -16,39 +16,22 @@ from mien.arrays import Array, Float32, Pixels
 from mien.geometry.rotation import FACING, matrix_from_euler
 
 SUPERSAMPLING = 3
-
-
 CENTIMETRES = 10.0
 """Of one of MakeHuman's units."""
-
-
 LAMP = (0.35, -0.45, -0.8)
 """Towards the lamp, in camera axes."""
-
-
 SWING_DEG, SWING_FRAMES = 60.0, 100
 """How far it swings to either side in sequences of `light`, and how many frames it takes there and back."""
-
-
 FROM_EYES = (0.0, -0.25, -0.75)
 """From the middle of the eyes to the origin of the head's axes, between the ears, in MakeHuman's units."""
-
-
 LENS_TINT = 0.15
 """Share of the lenses' tint that is left: MakeHuman's are dark."""
-
-
 PROFILE = ((1114, 7806), (72, 6856), (294, 294), (343, 343), (5347, 11949), (3733, 10401), (466, 466), (492, 492))
-
-
 IBUG_PROFILE = ((36, 45), (39, 42), (30, 30), (33, 33), (31, 35), (48, 54), (51, 51), (57, 57))
 """Vertices of MakeHuman and points of iBUG, right and left: outer and inner corners of the eyes, tip and base of the
 nose, nostrils, corners of the mouth, upper and lower lip. They say how a head stands when it faces the camera."""
-
-
 SHAPE_SD = 0.35
-
-
+"""Standard deviation of the weight of each of SHAPES."""
 SHAPES = (
     ("head-oval", "head-round"),
     ("head-triangular", "head-invertedtriangular"),
@@ -62,8 +45,6 @@ SHAPES = (
     ("forehead-nubian-more", "forehead-nubian-less"),
 )
 """Targets that make a head its own, the one or its opposite, each with a weight of its own."""
-
-
 UNITS = {
     "jawOpen": ("mouth-open",),
     "mouthSmile": ("mouth-corner-puller",),

@@ -10,12 +10,8 @@ from mien.arrays import Array
 from mien.geometry.rotation import matrix_from_euler
 
 FRAMES, BEFORE, STAYS = 199, 20, 27
-
-
 ASIDE = ((5, 50), (0, 0), (-8, -48), (8, 35), (0, 65), (0, 0))
 """Tilt and pan of the head, one after the other; half of the people turn to the other side first."""
-
-
 WANDER = (((2.5, 41), (1.5, 23)), ((4.0, 53), (2.0, 29)), ((2.5, 61),))
 """Of tilt, pan and roll: amplitudes in degrees and periods in frames."""
 
