@@ -22,7 +22,7 @@ from mien.initialization.landmarks import Landmarks
 from mien.registry import checked, create_tracker, file_of
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from videos import known_portrait, portrait_images, write_video
 
 
@@ -182,6 +182,8 @@ def test_an_estimate_belongs_to_its_frame() -> None:
         ({"covariance": np.full((12, 12), np.nan)}, "as covariance, but"),
         ({"covariance": -np.eye(12)}, "a covariance with the negative variance -1"),
         ({"confidence": None}, "not between 0 and 1"),
+        ({"landmarks": TrackedLandmarks(("tip",), np.zeros(2))}, r"1 landmarks whose image is no array \(1, 2\)"),
+        ({"landmarks": TrackedLandmarks(("tip",), np.zeros((1, 2)), np.zeros((2, 3)))}, "whose camera is no array"),
     ],
 )
 def test_what_a_tracker_of_ones_own_returns_is_checked(changes: dict[str, Any], message: str) -> None:

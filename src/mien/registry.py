@@ -20,7 +20,7 @@ from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.geometry.rotation import is_rotation
-from mien.tracking.state import STATE_NAMES, Estimate, Status, Tracker
+from mien.tracking.state import STATE_NAMES, Estimate, Status, TrackedLandmarks, Tracker
 
 if TYPE_CHECKING:
     from mien.config import Settings
@@ -135,6 +135,16 @@ def _fault(estimate: Estimate) -> str | None:
             return f"no array {shape} of finite numbers as {name}, but {found}"
     if estimate.covariance is not None and np.diag(estimate.covariance).min() < 0:
         return f"a covariance with the negative variance {np.diag(estimate.covariance).min():g}"
+    return None if estimate.landmarks is None else _fault_of_landmarks(estimate.landmarks)
+
+
+def _fault_of_landmarks(landmarks: TrackedLandmarks) -> str | None:
+    """What of landmarks is not as `TrackedLandmarks` says; None if all is."""
+    n = len(landmarks.names)
+    for name, shape in (("image", (n, 2)), ("camera", (n, 3)), ("visibility", (n,))):
+        values = getattr(landmarks, name)
+        if np.shape(values) != shape and (values is not None or name == "image"):
+            return f"{n} landmarks whose {name} is no array {shape}, but one {np.shape(values)}"
     return None
 
 

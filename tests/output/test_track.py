@@ -310,6 +310,14 @@ def test_recorder_can_give_what_there_is_and_go_on() -> None:
         assert len(recorder.table()) == 2
 
 
+def test_all_rows_have_the_same_landmarks() -> None:
+    """As of a tracker of one's own that reports those that it sees."""
+    seen = [TrackedLandmarks(names, np.zeros((len(names), 2))) for names in (("tip", "chin"), ("chin",))]
+    rows = [Estimate(i, i / 25, Status.TRACKED, landmarks=landmarks) for i, landmarks in enumerate(seen)]
+    with pytest.raises(MienError, match=r"frame 1 has 1 landmarks, \('chin',\) first, and an earlier one 2"):
+        Track.from_estimates(rows)
+
+
 def test_nothing_tracked_is_an_error() -> None:
     with pytest.raises(MienError, match="no frame was tracked"):
         Track.from_estimates([])

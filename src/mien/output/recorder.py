@@ -51,12 +51,18 @@ class Recorder:
             self._file.close()
 
     def add(self, estimate: Estimate) -> None:
-        """Append one row."""
+        """Append one row. Raises MienError if it has other landmarks than an earlier one."""
+        if estimate.landmarks is not None:
+            names = estimate.landmarks.names
+            require(
+                self.landmark_names in ((), names),
+                f"frame {estimate.index} has {len(names)} landmarks, {names[:1]} first, and an earlier one "
+                f"{len(self.landmark_names)}, {self.landmark_names[:1]} first; a tracker gives the same in every frame",
+            )
+            self.landmark_names = names
         self._buffer.append(estimate)
         R = estimate.model_rotation
         self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
-        if estimate.landmarks is not None:
-            self.landmark_names = estimate.landmarks.names
         if estimate.status.success:
             self.mm_per_unit = estimate.mm_per_unit
         self.count += 1
