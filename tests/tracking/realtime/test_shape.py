@@ -155,14 +155,34 @@ def test_a_mean_that_is_found_later_is_the_same() -> None:
     assert later.relief_sd == pytest.approx(at_once.relief_sd)
 
 
+FRONT, REST = np.array([0.01, 0.02]), np.zeros(6)
+SMILE = 2 * SETTINGS.expression_sd * np.eye(6)[2]
+"""An animation that can teach a fifth of what one at rest can."""
+
+
 def test_poses_that_come_again_say_less_and_less() -> None:
     posterior = _posterior()
-    first, second, third = (posterior.novelty(0.01, 0.02, 1.0) for _ in range(3))
+    first, second, third = (posterior.novelty(FRONT, REST) for _ in range(3))
     assert (second, third) == pytest.approx((first / 2, first / 3))
-    assert posterior.novelty(0.01, 0.3, 1.0) == first
+    assert posterior.novelty(np.array([0.01, 0.3]), REST) == first
 
 
 def test_a_frame_that_teaches_little_leaves_the_rest_to_others() -> None:
     posterior = _posterior()
-    assert posterior.novelty(0.01, 0.02, 0.1) == pytest.approx(0.1 * SETTINGS.rate)
-    assert posterior.novelty(0.01, 0.02, 1.0) == pytest.approx(SETTINGS.rate / 1.1)
+    assert posterior.novelty(FRONT, SMILE) == pytest.approx(0.2 * SETTINGS.rate)
+    assert posterior.novelty(FRONT, REST) == pytest.approx(SETTINGS.rate / 1.2)
+
+
+def test_a_smile_that_lasts_teaches_little_and_leaves_the_rest_to_others() -> None:
+    """Its frames repeat each other, and are few that are learned from; another expression is something new."""
+    smiling, resting = (sum(_posterior_after(300, expression)[1]) for expression in (SMILE, REST))
+    assert 0.2 * SETTINGS.rate < smiling < 0.2 * resting
+    posterior, _ = _posterior_after(300, SMILE)
+    assert posterior.novelty(FRONT, -SMILE) > 0.1 * SETTINGS.rate
+    assert posterior.novelty(FRONT, REST) > 0.5 * SETTINGS.rate
+
+
+def _posterior_after(frames: int, expression: Array) -> tuple[ShapePosterior, list[float]]:
+    """A shape that has seen so many frames at one pose, and how much of each was new."""
+    posterior = _posterior()
+    return posterior, [posterior.novelty(FRONT, expression) for _ in range(frames)]

@@ -208,15 +208,12 @@ class Person:
         _update_average(self.variance, 2, variance, found, s.misplacement.rate, 0.0)
 
     def _learn_shape(self, solution: Solution) -> bool:
-        s, pose = self.settings, solution.pose
+        pose = solution.pose
         share = self.adaptation.share(pose.angles)
         if _masked_mean(share, solution.facing) > _MOST_LEARNED:
             return False
-        tilt, pan = pose.angles
-        expression = pose.animation - self.rest
-        worth = 1 / (1 + float(expression @ expression) / s.shape.expression_sd**2)
-        novelty = self.shape.novelty(tilt, pan, worth)
-        if novelty < s.shape.least_novelty:
+        novelty = self.shape.novelty(pose.angles, pose.animation - self.rest)
+        if novelty == 0:
             return False
         regularizer = novelty * _STEP_INFORMATION
         weight = novelty * solution.w * (1 - share)

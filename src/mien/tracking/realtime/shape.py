@@ -45,7 +45,8 @@ class ShapePosterior:
         # Two right sides: the information vector, which the frames fill, and the whole relief.
         self.right_sides = np.stack([np.zeros(neutral.size), self.deepening], axis=1)
         self.slopes = np.linalg.pinv(np.column_stack([neutral[:, 1], -neutral[:, 0], np.ones(len(neutral))]))[:2]
-        self.visits: dict[tuple[int, int], float] = {}
+        self.visits: dict[tuple[int, ...], float] = {}
+        self.looks: dict[tuple[int, ...], int] = {}
         self._solve()
 
     @property
@@ -53,15 +54,23 @@ class ShapePosterior:
         """(2,) tilt and pan in radians by which the depths lean away from those of the first frame."""
         return np.asarray(self.slopes @ (self.mean - self.start)[:, 2])
 
-    def novelty(self, tilt: float, pan: float, worth: float) -> float:
-        """Share in [0, 1] of a frame's information at this pose (radians) that is new; counts the frame.
+    def novelty(self, angles: Array, expression: Array) -> float:
+        """Share in [0, 1] of a frame's information that is new, at a tilt and pan (2,) in radians and an animation
+        (6,) away from rest; counts the frame. 0, and not counted, if that is too little to learn from.
 
-        worth: in [0, 1], how much the frame can teach at best.
-        """
-        key = (self._bin(tilt), self._bin(pan))
-        count = self.visits.get(key, 0.0)
-        self.visits[key] = count + worth
-        return self.settings.rate * worth / (1 + count)
+        Frames at a pose count by how much each can teach; but with the same expression all frames repeat each other, or
+        a smile that lasts would teach as much as a face at rest."""
+        s, (tilt, pan) = self.settings, np.degrees(angles).tolist()
+        units: list[float] = (expression / s.expression_sd).tolist()
+        worth = 1 / (1 + sum(unit * unit for unit in units))
+        pose = round(tilt / s.bin_deg), round(pan / s.bin_deg)
+        look = *pose, *map(round, units)
+        visits, alike = self.visits.get(pose, 0.0), self.looks.get(look, 0)
+        novelty: float = s.rate * worth / (1 + max(visits, alike))
+        if novelty < s.least_novelty:
+            return 0.0
+        self.visits[pose], self.looks[look] = visits + worth, alike + 1
+        return novelty
 
     def add(self, neutral: Array, Lambda: Array, gradient: Array, novelty: float) -> bool:
         """Add information that was linearised at `neutral`, of the novelty that `novelty` gave; returns whether there
@@ -80,9 +89,6 @@ class ShapePosterior:
         found = solve_definite(self.information, self.right_sides)
         self.relief_sd = math.sqrt(self.deepening @ found[:, 1]) / float(self.deepening @ self.deepening)
         self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
-
-    def _bin(self, angle: float) -> int:
-        return round(float(np.degrees(angle)) / self.settings.bin_deg)
 
 
 @kernel()
