@@ -22,6 +22,7 @@ from mien.batch import BatchOptions, find_videos, run, track_all
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
+from mien.output import destination
 from mien.output.overlay_video import OverlayWriter
 from mien.output.summary import Row
 from mien.output.track import Track
@@ -449,7 +450,7 @@ def test_a_video_that_can_no_longer_be_read_is_tried_again(
 
     out = tmp_path / "out"
     track_all([videos], out)
-    monkeypatch.setattr(run, "checksum", checksum)
+    monkeypatch.setattr(destination, "checksum", checksum)
     assert _states(track_all([videos], out)) == ["tracked"] * 3
 
 

@@ -16,6 +16,8 @@ import typer
 from mien.errors import MienWarning
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from mien.evaluation.scores import Scores
     from mien.processes import Progress
     from mien.tracking.state import Estimate
@@ -74,13 +76,21 @@ def show_warning(
         print(warnings.formatwarning(message, category, filename, lineno), file=sys.stderr, end="")
 
 
-@contextmanager
-def frames_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
-    """A progress bar with the speed and the state of the track, if stderr is a terminal."""
+def _console(quiet: bool) -> Console | None:
+    """The terminal for a progress bar; None if none is wanted, or stderr is no terminal."""
+    if quiet:
+        return None
     from rich.console import Console
 
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:  # a bar that is disabled ends with an empty line in Rich before 14.3
+    return console if console.is_terminal else None  # in Rich before 14.3 a disabled bar ends with an empty line
+
+
+@contextmanager
+def frames_bar(quiet: bool) -> Iterator[Callable[[Estimate, int | None], None] | None]:
+    """A progress bar with the speed and the state of the track, if stderr is a terminal."""
+    console = _console(quiet)
+    if console is None:
         yield None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -117,10 +127,8 @@ def _state(estimate: Estimate) -> str:
 def jobs_bar(initial_text: str, quiet: bool) -> Iterator[Progress]:
     """A progress bar on stderr, if that is a terminal, that names the last job started; initial_text: shown before the
     first one."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    console = _console(quiet)
+    if console is None:
         yield lambda done, total, name: None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn

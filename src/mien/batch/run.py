@@ -11,7 +11,8 @@ from pathlib import Path
 from mien.batch.options import BatchOptions, pictures_of
 from mien.batch.videos import find_videos
 from mien.errors import MienError, warn
-from mien.files import checksum, exists, require_writable, size_of
+from mien.files import exists, require_writable
+from mien.output.destination import has_other_content
 from mien.output.sole_use import sole_use
 from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
 from mien.output.track import Track
@@ -116,15 +117,13 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     with suppress(MienError, OSError, AttributeError, LookupError, TypeError):  # whatever somebody made of NAME.json
         track = Track.read(row.table)
         known = track.metadata
-        if not options.match(known, row.table) or known["video"]["bytes"] != size_of(row.video):
+        if not options.match(known, row.table):
             return None
         files = options.files_of(row.table, known.get("faces", 1))
         read = [row.video, *(list_images(row.video) if row.video.is_dir() else ()), *options.inputs]
         if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in read):
             return None
-        # A file or a folder that was renamed keeps its time: it may be another video.
-        other = known["video"].get("inode") != row.video.stat().st_ino
-        if other and known["video"].get("sha256") != checksum(row.video):
+        if has_other_content(row.video, known["video"]):  # also if it is older: what is renamed keeps its time
             return None
         return face_rows(replace(row, state=KEPT), track)
     return None

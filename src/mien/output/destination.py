@@ -11,10 +11,10 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-from mien.errors import require, warn
+from mien.errors import MienError, require, warn
 from mien.files import checksum, exists, real_path, require_ending, require_writable, size_of
 from mien.output.track import Track
-from mien.output.track_files import GLTF_ENDINGS, PLOT_ENDINGS, is_table_of_track, track_paths
+from mien.output.track_files import GLTF_ENDINGS, PLOT_ENDINGS, is_table_of_track, read_metadata, track_paths
 from mien.video import refuse_among_images
 
 OVERLAY_ENDINGS = (".mp4",)
@@ -124,19 +124,20 @@ def require_new(paths: Iterable[Path]) -> None:
 def require_no_other_video(table: Path, video: Path) -> None:
     """Raise MienError if a table is the track of another video than this one: of another path, with other content."""
     known: object = None
-    with suppress(OSError, ValueError, LookupError, TypeError):
-        known = json.loads(track_paths(table)[1].read_text(encoding="utf-8-sig"))["video"]
+    with suppress(MienError):  # it is another's
+        known = read_metadata(track_paths(table)[1]).get("video")
     if not (isinstance(known, dict) and isinstance(known.get("name"), str) and exists(video)):
         return
     elsewhere = real_path(Path(known["name"])) != real_path(video)
     require(
-        not (elsewhere and _has_other_content(video, known)),
+        not (elsewhere and has_other_content(video, known)),
         f"{table} is the track of another video, {known['name']}; choose another name with -o, or move it away",
     )
 
 
-def _has_other_content(video: Path, known: Mapping[str, Any]) -> bool:
-    """Whether a file or a folder differs from the video that a NAME.json describes, as far as that tells."""
+def has_other_content(video: Path, known: Mapping[str, Any]) -> bool:
+    """Whether a file or a folder differs from the video that a NAME.json describes, as far as that tells: a renamed one
+    keeps its number, and a copy its content."""
     if known.get("bytes") != size_of(video):
         return True
     return known.get("inode") != video.stat().st_ino and known.get("sha256") != checksum(video)

@@ -28,12 +28,16 @@ _VP9, _H264, _MPEG = 0, 1, 2
 def quantizer_step(path: Path, time: float) -> float | None:
     """The step, in grey values of 8 bits, to which the coefficients of a video were rounded about a time in seconds:
     the mean over the blocks of the key frame before it and of the next images. None where the stream does not say."""
+    steps = []
     try:
         # By one thread: several export what is not decoded yet.
-        images = list(islice(decoded_images(path, time, "NONE", _EXPORTED), _IMAGES))
+        for image in islice(decoded_images(path, time, "NONE", _EXPORTED), _IMAGES):
+            step = None if image is None else _step_of(image)
+            if step is None:  # as of all images of most codecs
+                break
+            steps.append(step)
     except MienError:  # the file is gone
         return None
-    steps = [step for image in images if image is not None and (step := _step_of(image)) is not None]
     return sum(steps) / len(steps) if steps else None
 
 

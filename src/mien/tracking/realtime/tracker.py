@@ -140,10 +140,10 @@ class RealtimeTracker:
     def _quality(self, frame: Frame) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
         if it is blurred or coarsely compressed."""
-        view, descriptor = self.solver.view(self.face.fine, frame, self.pose), self.face.fine.descriptor
-        sharp = sharpness(view.image, descriptor.blur)
-        crop_scale = descriptor.pixels_per_unit * self.pose.distance / self.camera.focal_px
-        rounding = (frame.quantizer_step or 0.0) * crop_scale
+        level, pose = self.face.fine, self.pose
+        crop, blur = level.camera(self.camera, pose.ray, pose.roll, pose.distance), level.descriptor.blur
+        sharp = sharpness(crop.sample(frame, blur), blur)
+        rounding = (frame.quantizer_step or 0.0) * crop.scale
         poor = "blurred or enlarged" if sharp < _BLURRED else "coarsely compressed" if rounding > _COARSE else ""
         if poor:
             warn(

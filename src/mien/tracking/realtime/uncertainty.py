@@ -49,7 +49,8 @@ SHARP = 0.48
 its inverse square: found on rendered and modelled heads that were blurred by up to 2.5 pixels."""
 COARSE = 0.08
 """Share by which the variances of a frame's own error grow with each grey value to which the first frame's face was
-rounded at the resolution of the crop, see `Reference`: found on rendered heads in H.264 of all rates, at two sizes."""
+rounded at the resolution of the crop, see `Reference`: found on rendered heads of three sizes, in H.264 of all
+rates."""
 AXES_SCALE = np.array([1.1, 0.5, 0.8])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll, which errors in turns share with the
 lean."""
