@@ -12,13 +12,14 @@ import cv2
 import numpy as np
 import pytest
 
-from long_motion import NOISE_SD, errors_deg, in_order, leaving, sequence, shown
+from long_motion import NOISE_SD, errors_deg, in_order, leaving, sequence, shown, states
 from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
 from mien.config.realtime import RecoverySettings, WeightSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between, matrix_from_euler
+from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
@@ -304,6 +305,26 @@ def test_a_board_before_the_lower_half() -> None:
         return image
 
     _assert_followed(_changed(covered, range(15, 25)))
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_board_on_one_half_that_moves_along(side: int) -> None:
+    """Its edge runs along the nose, and most of what faces the camera is not the face's: none of it is learned in
+    turns, and the face is not looked for elsewhere."""
+    truth = make_sequence(face(), states(2 * COUNT, share=0.7), noise_sd=NOISE_SD)
+    above, below = (LANDMARK_NAMES.index(name) for name in ("nose_bump", "chin_boss"))
+    frames = list(truth.frames)
+    for k in range(3, len(frames)):
+        along = truth.landmarks[k, below] - truth.landmarks[k, above]
+        aside = side * np.array([along[1], -along[0]])
+        top, bottom = truth.landmarks[k, above] - along, truth.landmarks[k, below] + along
+        board = np.round([top, bottom, bottom + aside, top + aside]).astype(np.int32)
+        frames[k] = Frame(cv2.fillConvexPoly(frames[k].pixels.copy(), board, (100, 120, 150)))
+    estimates, errors = _track(replace(truth, frames=tuple(frames)))
+    _assert_honest(estimates, errors)
+    assert np.isfinite(errors).all()
+    assert errors.mean() < 2.5
+    assert errors.max() < CLOSE_DEG
 
 
 def test_a_face_that_comes_back_beside_another_one_is_found() -> None:

@@ -17,6 +17,7 @@ from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, opening_of
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.adaptation import Adaptation
+from mien.tracking.realtime.covers import Covers
 from mien.tracking.realtime.eyes import closing_of
 from mien.tracking.realtime.learning import LearnedFace, learn_face
 from mien.tracking.realtime.level import Level
@@ -104,6 +105,7 @@ class Person:
         self.temples = np.array([name in _TEMPLES for name in TRACKED])
         self.least_variance = np.where(self.temples, s.misplacement.temple_sd, s.misplacement.least_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
+        self.covers = Covers(face.neutral, self.eyes, s.visibility)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
         self.learned_shut = opening_of(dict(zip(TRACKED, face.neutral, strict=True))) < _SHUT
 
@@ -159,6 +161,10 @@ class Person:
         # Some are trusted beyond what is expected.
         np.minimum(self.expected, s.expected_distance, out=self.expected)
 
+    def notice_covers(self, solution: Solution) -> None:
+        """Find which landmarks something on the face covers."""
+        self.covers.update(solution.d2_without_noise, solution.facing, self._has_turned(solution))
+
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture
         has become worse, as by noise in the evening, or the face looks otherwise, as where somebody weeps."""
@@ -170,9 +176,9 @@ class Person:
         """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
         from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""
         s = self.settings.adaptation
-        if self._turned_deg(solution) <= s.view_turn_deg:
+        if not self._has_turned(solution):
             return
-        strange = self._strange(solution, agreement, s.view_strange_distance)
+        strange = self._strange(solution, agreement, s.view_strange_distance) & ~self.covers.covered
         if strange.any():
             self.adaptation.learn_view(solution.pose.angles, solution.at.residual[strange], strange)
 
@@ -194,6 +200,10 @@ class Person:
         """Landmarks (n,) that have moved with the face and whose distance is beyond `least` times the expected one."""
         moved_along = solution.facing & (agreement > _SAME_PATCH)
         return np.asarray(moved_along & (solution.d2 > least * self.expected))
+
+    def _has_turned(self, solution: Solution) -> bool:
+        """Whether the face has turned so far that its appearance is learned."""
+        return self._turned_deg(solution) > self.settings.adaptation.view_turn_deg
 
     def _turned_deg(self, solution: Solution) -> float:
         """Turn of the face away from the first frame's view."""

@@ -43,8 +43,8 @@ _PANS = np.radians([-50.0, -25.0, 0.0, 25.0, 50.0])
 """From the first frame's view, where a head that has turned is looked for."""
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
 _BETTER = 0.8
-"""A face elsewhere is preferred to one that is doubted, or of which little matches, if its misfit is below this share
-of that one's."""
+"""A face elsewhere is preferred to one that is doubted, or of which little matches, only if its misfit is below this
+share of that one's."""
 _TOLERANCE = 0.05
 """Reprojection error up to which a detected point is an inlier, as a share of the face's size."""
 
@@ -216,15 +216,15 @@ class Recovery:
         last: where it was seen last; lost_frames: how many frames ago that was."""
         s, share = self.settings, here.inlier_share(self.settings.seen_distance)
         lost, strange = share < s.least_share, share < s.recovered_share and self.solver.misfits(here)
-        most = math.inf if lost else _BETTER * here.misfit
+        than = None if lost else here
         self.strange_frames = self.strange_frames + 1 if strange else 0
         if strange and self._is_due(self.strange_frames - 1):
-            found = list(self._faces_near(turned_aside(last, self.R_first), last, frame, most))
+            found = list(self._faces_near(turned_aside(last, self.R_first), last, frame, than))
             if found:
                 return min(found, key=lambda there: there[1].misfit)
         if self._is_due(lost_frames) if lost else self._doubts(here, is_doubted):
             proposals = (Pose(*placed, self.fit.animation) for placed in self._proposals(frame, last, lost_frames))
-            return next(self._faces_near(proposals, last, frame, most), None)
+            return next(self._faces_near(proposals, last, frame, than), None)
         return None
 
     def _is_due(self, frames: int) -> bool:
@@ -246,13 +246,20 @@ class Recovery:
             yield known
 
     def _faces_near(
-        self, starts: Iterable[Pose], last: Pose, frame: Frame, most: float
+        self, starts: Iterable[Pose], last: Pose, frame: Frame, than: Solution | None
     ) -> Iterator[tuple[View, Solution]]:
-        """What is found near each of these poses that looks like the face of the first frame and fits better than a
-        misfit of `most`."""
+        """What is found near each of these poses that looks like the face of the first frame, and fits better than what
+        was found so far."""
         s = self.settings
         for start in starts:
             coarse = self.solver.coarse(frame, self.prior.prediction(start, last), start)
             view, solution = self.solver.refine(frame, self.prior.prediction(coarse, last))
-            if solution.inlier_share(s.seen_distance) >= s.recovered_share and solution.misfit < most:
+            looks_like_it = solution.inlier_share(s.seen_distance) >= s.recovered_share
+            if looks_like_it and (than is None or _fits_better(solution, than)):
                 yield view, solution
+
+
+def _fits_better(there: Solution, here: Solution) -> bool:
+    """Whether a face elsewhere is preferred to the one that was found here, of which also the best part has to match
+    less: of a face that is half covered, most looks strange where it is."""
+    return there.misfit < _BETTER * here.misfit and there.best_misfit < here.best_misfit

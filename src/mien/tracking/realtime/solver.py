@@ -20,6 +20,9 @@ from mien.tracking.realtime.posterior import PosePosterior
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 
+_UNWEIGHTED = 1e-9
+"""Factor of the weight of a landmark that is looked at, but takes no part."""
+
 
 class PoseSolver:
     """Looks at a frame through the crop for a pose, and minimises Eq. (9) there."""
@@ -107,7 +110,7 @@ class PoseSolver:
                 inverse_floor=trust * appearance.inverse_floor,
                 variance=person.misplacement_variance(level, predicted.last.animation),
             ),
-            active=view.facing.astype(np.float64),
+            active=np.where(view.facing, np.where(person.covers.covered, _UNWEIGHTED, 1.0), 0.0),
             scale=person.tolerance * person.expected,
             prior=self.prior.arrays(predicted),
             view=view.geometry,

@@ -176,6 +176,7 @@ class RealtimeTracker:
             self.closing = self.person.closing(solution)
         elif solution.inlier_share(s.recovery.seen_distance) < s.recovery.least_share:
             return self._lose(frame, view, solution)
+        self.person.notice_covers(solution)
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head keeps moving, an expression does not
         self.pose, self.lost_frames = solution.pose, 0
@@ -212,6 +213,7 @@ class RealtimeTracker:
         """Keep the last pose, and report why the face is lost."""
         self.lost_frames += 1
         self.velocity, self.closing = np.zeros(12), None
+        self.person.covers.forget()
         outside = self.camera.in_image(self.person.in_camera(solution.pose), frame.width, frame.height).mean() < 0.5
         unlike = "the image is blank" if is_blank(view.image) else "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)

@@ -1,0 +1,56 @@
+"""What lies on the face and moves with it: a phone at the ear, a hand, a mask.
+
+The robust weights of Eq. (9) ignore a landmark that is covered. One at the edge of a cover still looks a little like
+itself, and more so from a wrong pose; and in a turn, where the appearance is learned, what lies on the face would be
+learned as its look. So landmarks that something covers take no part in the next frame, nor do those beside them that
+look strange, nor is their look learned.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mien.arrays import Array, Mask
+from mien.config.realtime import VisibilitySettings
+
+_USUAL, _OF_THE_BEST = 25.0, 2.0
+"""Squared distance at which a landmark looks strange beside a covered one: at least the first, and the second times
+that of the best quarter of the face, as a whole face may look strange."""
+_COVERED, _STILL_COVERED = 4.0, 2.0
+"""The same, as a multiple of it, of a landmark that is covered, and of one that was covered in the last frame."""
+_BESIDE = 0.3
+"""Distance in CANDIDE units within which landmarks lie beside each other."""
+
+
+class Covers:
+    """Which landmarks something covers, from frame to frame.
+
+    covered: (n,) in the last frame.
+    """
+
+    def __init__(self, neutral: Array, eyes: Mask, settings: VisibilitySettings) -> None:
+        """neutral: (n, 3) landmarks at rest; eyes: (n,) which of them are the eyes', as spectacles make these strange
+        by themselves."""
+        self.settings = settings
+        self.beside = np.linalg.norm(neutral[:, None] - neutral, axis=2) < _BESIDE
+        self.telling = ~eyes
+        self.covered = np.zeros(len(neutral), dtype=bool)
+
+    def update(self, d2: Array, facing: Mask, turned: bool) -> None:
+        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), and whether the
+        face has turned: what looks strange only then may have become so by the turn."""
+        found = self._found(d2, facing)
+        self.covered = self.covered & (found | ~facing) if turned else found
+
+    def _found(self, d2: Array, facing: Mask) -> Mask:
+        ordered = sorted(d2[facing].tolist())  # for a few numbers faster than NumPy
+        usual = max(_USUAL, _OF_THE_BEST * ordered[len(ordered) // 4]) if ordered else _USUAL
+        strange = d2 > np.where(self.covered, _STILL_COVERED, _COVERED) * usual
+        covered = facing & self.telling & strange
+        if np.count_nonzero(covered) < self.settings.least_covered:
+            return np.zeros_like(covered)
+        return np.asarray(covered | facing & (d2 > usual) & self.beside[covered].any(axis=0))
+
+    def forget(self) -> None:
+        """Take nothing to be covered: a lost face may be found again uncovered."""
+        self.covered = np.zeros_like(self.covered)

@@ -1,0 +1,85 @@
+"""What lies on the face is told from how strange the landmarks look, and where."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mien.arrays import Array, Mask
+from mien.config.realtime import VisibilitySettings
+from mien.tracking.realtime.covers import Covers
+
+ALL = np.ones(10, dtype=bool)
+IN_A_ROW = np.stack([0.2 * np.arange(10.0), np.zeros(10), np.zeros(10)], axis=1)
+HALF = np.array([300.0] * 5 + [3.0] * 5)
+"""Squared distances of a row whose first half is covered."""
+
+
+def _covers(eyes: Mask | None = None) -> Covers:
+    return Covers(IN_A_ROW, ~ALL if eyes is None else eyes, VisibilitySettings())
+
+
+def _after(*frames: Array, turned: bool = False) -> list[int]:
+    covers = _covers()
+    for d2 in frames:
+        covers.update(d2, ALL, turned)
+    return list(np.flatnonzero(covers.covered))
+
+
+def test_what_looks_strange_is_covered() -> None:
+    assert _after(HALF) == [0, 1, 2, 3, 4]
+
+
+def test_a_little_strange_is_covered_only_beside_what_is_covered() -> None:
+    edge = HALF.copy()
+    edge[[5, 9]] = 40.0
+    assert _after(edge) == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_few_strange_landmarks_are_none_that_something_covers() -> None:
+    d2 = np.full(10, 3.0)
+    d2[:3] = 300.0
+    assert _after(d2) == []
+
+
+def test_a_face_that_looks_strange_as_a_whole_is_not_covered() -> None:
+    """A quarter of its landmarks is needed to say how strange it looks."""
+    assert _after(np.linspace(80.0, 300.0, 10)) == []
+
+
+def test_what_was_covered_stays_so_until_it_looks_like_the_face() -> None:
+    nearly = np.where(HALF > 100, 60.0, 3.0)
+    assert _after(nearly) == []
+    assert _after(HALF, nearly) == [0, 1, 2, 3, 4]
+    assert _after(HALF, np.where(HALF > 100, 20.0, 3.0)) == []
+
+
+def test_in_a_turn_nothing_more_is_covered() -> None:
+    """What looks strange there may have become so by the turn."""
+    assert _after(HALF, turned=True) == []
+    covers = _covers()
+    covers.update(HALF, ALL, turned=False)
+    covers.update(HALF[::-1], ALL, turned=True)
+    assert not covers.covered.any()
+    covers.update(HALF, ALL, turned=False)
+    facing = ALL.copy()
+    facing[0] = False
+    covers.update(HALF, facing, turned=True)
+    assert list(np.flatnonzero(covers.covered)) == [0, 1, 2, 3, 4], "one that is behind the face is not seen to be free"
+
+
+def test_eyes_alone_are_not_covered() -> None:
+    """Spectacles make them look strange."""
+    covers = _covers(HALF > 100)
+    covers.update(HALF, ALL, turned=False)
+    assert not covers.covered.any()
+
+
+@pytest.mark.parametrize("facing", [ALL, ~ALL])
+def test_a_lost_face_is_not_covered(facing: Mask) -> None:
+    covers = _covers()
+    covers.update(HALF, ALL, turned=False)
+    covers.forget()
+    assert not covers.covered.any()
+    covers.update(np.full(10, 3.0), facing, turned=False)
+    assert not covers.covered.any()
