@@ -20,7 +20,7 @@ from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
 from mien.output import columns
-from mien.output.columns import EYES_CLOSED_SD, ROTATION
+from mien.output.columns import EYES_CLOSED_SD, ROTATION, sort_columns
 from mien.output.recorder import BATCH, Recorder
 from mien.output.track import Track
 from mien.output.track_files import track_paths
@@ -434,6 +434,16 @@ def test_the_name_of_a_column_of_ones_own_may_contain_commas(track: Track, tmp_p
     own = track.table.append_column("stimulus, shown", pa.array(["a"] * len(track)))
     Track(own, track.metadata).save(tmp_path / "out")
     assert Track.read(tmp_path / "out.csv").table.column_names[-1] == "stimulus, shown"
+
+
+@pytest.mark.parametrize("name", ["visibility", "x", "Z", "confidence_2", "pose_Rx_1"])
+def test_a_column_of_ones_own_may_be_called_almost_like_one_of_mien(name: str, track: Track, tmp_path: Path) -> None:
+    words = ["good"] * len(track)
+    own = track.table.append_column(name, pa.array(words))
+    Track(own, track.metadata).save(tmp_path / "out")
+    table = Track.read(tmp_path / "out.csv").table
+    assert table[name].to_pylist() == words
+    assert sort_columns([name, *track.table.column_names])[-1] == name
 
 
 def test_pairs_of_a_stream_are_no_estimates() -> None:

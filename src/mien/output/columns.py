@@ -202,8 +202,7 @@ def _with_columns(table: pa.Table, columns: Mapping[str, Array]) -> pa.Table:
 
 def column_type(name: str) -> pa.DataType | None:
     """Type of the column with this name; None for a column that is not mien's."""
-    stem, _, number = name.rpartition("_")
-    if name not in _STEMS and not (stem in _STEMS and number.isdecimal()):
+    if _stem_and_number(name) is None:
         return None
     return pa.string() if name in TEXT_COLUMNS else pa.int64() if name in _INTEGER_COLUMNS else pa.float64()
 
@@ -221,13 +220,21 @@ def _stems() -> Iterator[str]:
 
 
 _STEMS = tuple(_stems())
+_NUMBERED = {group.names for group in _OTHER if isinstance(group.names, str)}
+"""The stems of numbered columns, which alone are the names of none."""
+
+
+def _stem_and_number(name: str) -> tuple[str, int] | None:
+    """`x_12` -> `x`, 12, and `status` -> `status`, 0; None for a column that is not mien's."""
+    stem, _, number = name.rpartition("_")
+    if stem in _NUMBERED and number.isdecimal():
+        return stem, int(number)
+    return (name, 0) if name in _STEMS and name not in _NUMBERED else None
 
 
 def _column_position(name: str) -> tuple[int, int]:
-    if name in _STEMS:
-        return _STEMS.index(name), 0
-    stem, _, number = name.rpartition("_")
-    return (_STEMS.index(stem), int(number)) if stem in _STEMS and number.isdecimal() else (len(_STEMS), 0)
+    known = _stem_and_number(name)
+    return (len(_STEMS), 0) if known is None else (_STEMS.index(known[0]), known[1])
 
 
 def _columns(groups: Sequence[_Group], estimates: Sequence[Estimate]) -> dict[str, pa.Array]:
