@@ -102,6 +102,18 @@ def test_the_worst_frames_are_those_with_the_largest_error(sequence: Sequence) -
     np.testing.assert_allclose(frame_errors(result.track, result.truth)[[2, 4]], [9, 5], atol=1e-6)
 
 
+def test_the_worst_frames_are_found_where_truth_begins_later_than_the_video(sequence: Sequence) -> None:
+    """As of BUFT, and a tracker that has lost the face in the frame before the truth."""
+    tracker, truth = _perfect(), sequence.read_truth(FRAMES)
+    tracker.rotations[0] = np.nan
+    assert truth.rotations is not None
+    later = np.where(np.arange(FRAMES)[:, None, None] == 0, np.nan, truth.rotations)
+    track = TrackTable.from_estimates([tracker.track(Frame(np.zeros((4, 4, 3), np.uint8), k)) for k in range(FRAMES)])
+    errors = frame_errors(track, replace(truth, rotations=later, landmarks=None))
+    np.testing.assert_allclose(errors[1:], 0, atol=1e-5)
+    assert np.isnan(errors[0])
+
+
 def test_of_neighbours_the_worst_frame_is_shown(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 40 frames one in ten at most, for two pictures; lost truth is no error."""
     errors = np.concatenate([np.arange(20.0), np.arange(20.0)[::-1] / 2])

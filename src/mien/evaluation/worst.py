@@ -30,8 +30,10 @@ def worst_frames(track: TrackTable, truth: Truth, count: int = WORST_FRAMES) -> 
 
 
 def frame_errors(track: TrackTable, truth: Truth) -> Array:
-    """Errors (n,): of the rotation in degrees or, without a pose, of the twelve points in pixels; NaN if unknown."""
-    if truth.has_pose and np.isfinite(track.rotation[0]).all():
+    """Errors (n,): of the rotation in degrees or, where none can be compared, of the twelve points in pixels; NaN if
+    unknown."""
+    first = int(np.argmax(truth.known))
+    if truth.has_pose and np.isfinite(track.rotation[: first + 1]).all(axis=(1, 2)).any():
         return compare(Protocol.REBASED, truth, track.rotation).rotation_error_deg
     points = points_of_names(track.landmarks, track.landmark_names)
     if truth.landmarks is None or points is None:
