@@ -138,8 +138,17 @@ class CandideTracker(ABC):
         R, t, animation = unpack(self.b)
         X = self.landmarks.in_camera(self.b)
         tracked = TrackedLandmarks(LANDMARK_NAMES, self.camera.project(X)[0], X)
-        reported = animation if self.animated else None
-        return Estimate(frame.index, frame.time, status, R, t, reported, None, tracked, 1.0, self.fit.mm_per_unit)
+        return Estimate(
+            frame.index,
+            frame.time,
+            status,
+            rotation=R,
+            translation=t,
+            animation=animation if self.animated else None,
+            landmarks=tracked,
+            confidence=1.0,
+            mm_per_unit=self.fit.mm_per_unit,
+        )
 
 
 def require_scikit_learn(tracker: str) -> None:

@@ -111,8 +111,16 @@ class PaperTracker:
         distance = np.sqrt(self.gaussians.squared_distance(self.observed))
         tracked = TrackedLandmarks(LANDMARK_NAMES, image, X, None, distance)
         return Estimate(
-            frame.index, frame.time, status, R, t, animation, None, tracked, 1.0, self.fit.mm_per_unit
-        )  # fmt: skip
+            frame.index,
+            frame.time,
+            status,
+            rotation=R,
+            translation=t,
+            animation=animation,
+            landmarks=tracked,
+            confidence=1.0,
+            mm_per_unit=self.fit.mm_per_unit,
+        )
 
 
 def in_view(X: Array, camera: Camera, frame: Frame) -> bool:

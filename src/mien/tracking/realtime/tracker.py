@@ -335,7 +335,16 @@ class RealtimeTracker:
             covariance[:6, :6] += focal_covariance(self.pose.t, self.axes.first.ray, self.camera.focal_log_sd)
         sure = confidence(covariance, share, familiar, self.identity.probability)
         return Estimate(
-            frame.index, frame.time, status, self.axes.rotation(self.pose.R), self.pose.t.copy(),
-            self.pose.animation.copy(), covariance, landmarks, sure, self.fit.mm_per_unit, closing=closing,
+            frame.index,
+            frame.time,
+            status,
+            rotation=self.axes.rotation(self.pose.R),
+            translation=self.pose.t.copy(),
+            animation=self.pose.animation.copy(),
+            covariance=covariance,
+            landmarks=landmarks,
+            confidence=sure,
+            mm_per_unit=self.fit.mm_per_unit,
+            closing=closing,
             model_rotation=self.pose.R.copy(),
-        )  # fmt: skip
+        )
