@@ -1,4 +1,4 @@
-"""MediaPipe as a tracker: its geometry, and the portrait in known motion where it is installed."""
+"""MediaPipe as a tracker, where it is installed: its PnP, and the portrait in known motion."""
 
 from __future__ import annotations
 
@@ -8,45 +8,13 @@ import numpy as np
 import pytest
 
 from mien.candide.model import Candide
-from mien.geometry.camera import Camera, back_project, line_of_sight
-from mien.geometry.rotation import FACING, exp, log, matrix_from_euler, similarity
+from mien.geometry.camera import Camera
+from mien.geometry.rotation import FACING, exp, log
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mediapipe") is None, reason="the extra `auto` is not installed"
 )
 CAMERA = Camera(500, 160, 120)
-
-
-def test_back_projection_keeps_the_pixels_and_the_depths() -> None:
-    points = np.array([[160.0, 120.0, 0.0], [210.0, 70.0, 25.0], [110.0, 170.0, 0.0]])
-    X = back_project(points, CAMERA)
-    np.testing.assert_allclose(X[0], [0, 0, 500])
-    np.testing.assert_allclose(X[1], [52.5, -52.5, 525])  # 50 pixels at 525 / 500
-    np.testing.assert_allclose(CAMERA.project(X)[0], points[:, :2])
-
-
-def test_back_projection_at_the_side_of_the_image() -> None:
-    """Depths are along the line of sight: there a cube that faces the camera stays one."""
-    corners = np.array([[x, y, z] for x in (-20, 20) for y in (-20, 20) for z in (-20, 20)], dtype=float)
-    turned = matrix_from_euler(np.radians([0.0, 20.0, 0.0]))
-    X = corners @ turned.T + turned @ [0, 0, 500 / np.cos(np.radians(20))]
-    pixels = CAMERA.project(X)[0]
-    sight = line_of_sight(pixels, CAMERA)
-    found = back_project(np.column_stack([pixels, X @ sight - 500 / sight[2]]), CAMERA)
-    np.testing.assert_allclose(found, X, atol=1e-6)
-    scale, R, _ = similarity(corners, found)
-    assert scale == pytest.approx(1)
-    np.testing.assert_allclose(R, turned, atol=1e-9)
-
-
-def test_similarity_is_recovered() -> None:
-    rng = np.random.default_rng(7)
-    source = rng.normal(size=(12, 3))
-    R, t = exp(np.array([0.3, -0.8, 2.0])), np.array([1.0, -2.0, 3.0])
-    scale, found, shift = similarity(source, 2.5 * source @ R.T + t)
-    assert scale == pytest.approx(2.5)
-    np.testing.assert_allclose(found, R, atol=1e-9)
-    np.testing.assert_allclose(shift, t, atol=1e-9)
 
 
 def test_pnp_recovers_a_projected_pose() -> None:

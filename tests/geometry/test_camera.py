@@ -1,4 +1,4 @@
-"""The pinhole camera: projection, validity, Jacobian."""
+"""The pinhole camera: projection, validity, Jacobian, and points that relative depths put back in space."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from hypothesis import given
 
 from mien.arrays import Array
 from mien.errors import MienError
-from mien.geometry.camera import Camera
+from mien.geometry.camera import Camera, back_project, line_of_sight
+from mien.geometry.rotation import matrix_from_euler, similarity
 from strategies import cameras, head_translations
 
 
@@ -100,3 +101,28 @@ def test_the_camera_of_a_calibration() -> None:
 def test_a_calibration_of_another_camera_is_refused(matrix: Any, distortion: Any, told: str) -> None:
     with pytest.raises(MienError, match=told):
         Camera.from_matrix(matrix, distortion)
+
+
+CENTRED = Camera(500, 160, 120)
+
+
+def test_back_projection_keeps_the_pixels_and_the_depths() -> None:
+    points = np.array([[160.0, 120.0, 0.0], [210.0, 70.0, 25.0], [110.0, 170.0, 0.0]])
+    X = back_project(points, CENTRED)
+    np.testing.assert_allclose(X[0], [0, 0, 500])
+    np.testing.assert_allclose(X[1], [52.5, -52.5, 525])  # 50 pixels at 525 / 500
+    np.testing.assert_allclose(CENTRED.project(X)[0], points[:, :2])
+
+
+def test_back_projection_at_the_side_of_the_image() -> None:
+    """Depths are along the line of sight: there a cube that faces the camera stays one."""
+    corners = np.array([[x, y, z] for x in (-20, 20) for y in (-20, 20) for z in (-20, 20)], dtype=float)
+    turned = matrix_from_euler(np.radians([0.0, 20.0, 0.0]))
+    X = corners @ turned.T + turned @ [0, 0, 500 / np.cos(np.radians(20))]
+    pixels = CENTRED.project(X)[0]
+    sight = line_of_sight(pixels, CENTRED)
+    found = back_project(np.column_stack([pixels, X @ sight - 500 / sight[2]]), CENTRED)
+    np.testing.assert_allclose(found, X, atol=1e-6)
+    scale, R, _ = similarity(corners, found)
+    assert scale == pytest.approx(1)
+    np.testing.assert_allclose(R, turned, atol=1e-9)

@@ -18,6 +18,7 @@ from mien.geometry.rotation import (
     log,
     matrix_from_euler,
     ray_rotation,
+    similarity,
 )
 from strategies import euler_angles, rotation_vectors, rotations, unit_vectors, vectors
 
@@ -114,3 +115,13 @@ def test_ray_rotation_turns_the_axis_into_the_ray_and_nothing_else(X: list[float
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(R[:, 2], ray, atol=1e-12)
     assert angle_between(R, np.eye(3)) == pytest.approx(np.arccos(ray[2]))
+
+
+def test_similarity_is_recovered() -> None:
+    rng = np.random.default_rng(7)
+    source = rng.normal(size=(12, 3))
+    R, t = exp(np.array([0.3, -0.8, 2.0])), np.array([1.0, -2.0, 3.0])
+    scale, found, shift = similarity(source, 2.5 * source @ R.T + t)
+    assert scale == pytest.approx(2.5)
+    np.testing.assert_allclose(found, R, atol=1e-9)
+    np.testing.assert_allclose(shift, t, atol=1e-9)
