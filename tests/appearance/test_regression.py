@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mien.appearance.regression import PoseRegression
+from mien.arrays import Float32
 from mien.tracking.realtime.kernels import POLYNOMIAL_TERMS, polynomial
 
 LIMIT = np.array([0.7, 0.5])
@@ -13,7 +14,6 @@ N, RANK, FLOOR = 2, 5, 4e-3
 GRID = [(x, y) for x in np.linspace(-0.7, 0.7, 9) for y in np.linspace(-0.5, 0.5, 9)]
 TERMS = np.array([polynomial(x, y, LIMIT)[0] for x, y in GRID])
 EVERYWHERE = np.ones((len(GRID), N), np.float32)
-Float32 = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 def _truth() -> Float32:

@@ -23,13 +23,13 @@ class Scripted(CandideTracker):
 
     def _learn(self, frame: Frame) -> None:
         self.script: list[SearchResult] = []
-        self.adapted_offset: list[Array] = []
+        self.adapted: list[Array] = []
 
     def _search(self, frame: Frame) -> SearchResult:
         return self.script.pop(0)
 
     def _adapt(self, frame: Frame) -> None:
-        self.adapted_offset.append(self.b)
+        self.adapted.append(self.b)
 
 
 def _started() -> Scripted:
@@ -51,7 +51,7 @@ def test_what_is_found_is_the_state_and_is_learned_from() -> None:
     assert estimate.status is Status.TRACKED
     assert estimate.translation is not None
     np.testing.assert_array_equal(estimate.translation, b[3:6])
-    assert len(tracker.adapted_offset) == 1
+    assert len(tracker.adapted) == 1
     vertices = tracker.mesh(estimate)
     assert vertices is not None
     assert vertices.shape == (113, 3)
@@ -72,7 +72,7 @@ def test_a_face_that_looks_like_nothing_is_lost_and_found_from_where_it_was() ->
     assert "0.30 < 0.5" in estimates[1].reason
     assert estimates[1].rotation is None
     assert tracker.mesh(estimates[1]) is None
-    assert len(tracker.adapted_offset) == 3
+    assert len(tracker.adapted) == 3
     np.testing.assert_array_equal(tracker.b, good)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -24,11 +23,6 @@ from mien.evaluation.scores import load_scores
 from mien.processes import Call, Command, Ended, run_commands
 
 STILL, SHIFTED = "evaluation.tiny:Still", "evaluation.tiny:Shifted"
-
-
-@pytest.fixture(autouse=True)
-def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tiny.ROOT), *sys.path]))
 
 
 def _plan(root: Path, *trackers: str, names: tuple[str, ...] = ("a_uniform1",)) -> Plan:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -21,11 +20,6 @@ def _mien(*arguments: object) -> tuple[int, str]:
     """Exit status and output of the command."""
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
     return result.exit_code, result.output
-
-
-@pytest.fixture(autouse=True)
-def _trackers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tiny.ROOT), *sys.path]))
 
 
 def test_one_command_gives_a_report_and_report_gives_the_others(

@@ -196,11 +196,9 @@ def test_the_table_of_buft_says_which_sequences_are_there(out: Path) -> None:
     evaluation = replace(
         scores.evaluation, dataset="buft", sequences=("jam1", "x"), kinds_of_sequences=("uniform-light",) * 2
     )
-    table = tables.published_and_measured(replace(scores, evaluation=evaluation, scores=scores.scores))
-    assert table is None or "45" in table.note
-    assert tables.coverage_of_buft(replace(scores, evaluation=evaluation)) == (
-        "Of the 45 sequences of the uniform-light set 1 are present: jam1."
-    )
+    table = tables.published_and_measured(replace(scores, evaluation=evaluation))
+    assert table is not None
+    assert table.note.endswith("Of the 45 sequences of the uniform-light set 1 are present: jam1.")
 
 
 TABLE = Table("t", "A title", "100 % of `R_0`", ("a_b", "c"), (("x|y", "1.0"), ("<z>", NONE)))
