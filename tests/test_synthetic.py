@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import FPS, OCCLUDER_COLOUR, Portrait, make_sequence, moved, portrait
@@ -15,7 +16,7 @@ def face() -> Portrait:
     return portrait()
 
 
-def _still(face: Portrait, n: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _still(face: Portrait, n: int) -> Array:
     return np.tile(face.state, (n, 1))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mien.appearance.rendering import Texture, depth_buffer, render, vertex_normals
-from mien.arrays import Array
+from mien.arrays import Array, Float32
 from mien.geometry.camera import Camera
 
 CAMERA = Camera(10, 0, 0)
@@ -19,7 +19,7 @@ def _lifted(points: list[tuple[float, float]], z: list[float]) -> Array:
     return np.array([(u * d / 10, v * d / 10, d) for (u, v), d in zip(points, z, strict=True)])
 
 
-def _ramp(width: int = 9, height: int = 9) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+def _ramp(width: int = 9, height: int = 9) -> Float32:
     """Texture whose first channel is its u and whose second its v."""
     v, u = np.mgrid[:height, :width].astype(np.float32)
     return np.stack([u, v], axis=2)

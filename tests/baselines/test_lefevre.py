@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.baselines.lefevre import (
     FACE_POINTS,
     FORGETTING,
@@ -22,7 +23,7 @@ from mien.tracking.state import Status
 from small_motion import face, run, small_motion, turn_error_deg
 
 
-def _turned(pan_deg: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _turned(pan_deg: float) -> Array:
     return np.asarray(moved(face(), np.array([[0, pan_deg, 0]]), np.zeros((1, 3)), np.zeros((1, 6)))[0])
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from mien.arrays import Array, Float32
 from mien.baselines.tran2013 import SPARSITY, Codebook, Tran2013Tracker
 from mien.tracking.state import Status
 from small_motion import run, small_motion, turn_error_deg
 
 
 def _unit(
-    patches: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    patches: Array,
+) -> Float32:
     return np.asarray(patches / np.linalg.norm(patches, axis=-1, keepdims=True), np.float32)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from evaluation import tiny
 from evaluation.tiny import FRAMES, angles_deg, face68, head_rotations
+from mien.arrays import Array
 from mien.errors import MienError, MienWarning
 from mien.evaluation.datasets import buft, load_dataset
 from mien.evaluation.datasets.sequence import Truth
@@ -158,7 +159,7 @@ def test_sequences_have_names_of_their_own(tmp_path: Path) -> None:
 # Talking Face
 
 
-def _fgnet_points() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _fgnet_points() -> Array:
     """68 points with a pupil amid the four points of each eye."""
     points = face68()
     points[27:31] = [[20, 15], [23, 13], [26, 15], [23, 17]]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mien.arrays import Array
+from mien.arrays import Array, Mask
 from mien.candide.model import Candide
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -45,7 +45,7 @@ def _estimate(visibility: Array | None = None) -> Estimate:
     return Estimate(4, 0.2, Status.TRACKED, R, T, np.zeros(6), landmarks=landmarks, confidence=0.8)
 
 
-def _changed(pixels: Pixels) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def _changed(pixels: Pixels) -> Mask:
     return np.abs(pixels.astype(int) - 128).max(axis=2) > 20
 
 
@@ -58,7 +58,7 @@ def test_small_frames_are_enlarged_and_the_frame_itself_stays() -> None:
     assert draw(large, [FaceOverlay(_estimate())], CAMERA).shape == (480, 640, 3)
 
 
-def _mesh_alone(mesh: Mesh) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def _mesh_alone(mesh: Mesh) -> Mask:
     """Where a mesh is drawn."""
     bare = Estimate(4, 0.2, Status.TRACKED)
     without, shown = (draw(GREY, [FaceOverlay(bare, drawn)], CAMERA).astype(int) for drawn in (None, mesh))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mien
+from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.output.window import Window
 from videos import known_portrait, portrait_images, write_video
@@ -21,7 +22,7 @@ class Screen:
     """What OpenCV does with a window; `key` is pressed in the frame `pressed_in`."""
 
     def __init__(self) -> None:
-        self.shown: list[np.ndarray[tuple[int, ...], np.dtype[np.uint8]]] = []
+        self.shown: list[Pixels] = []
         self.sizes: list[tuple[int, int]] = []
         self.key, self.pressed_in, self.open = -1, 0, True
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mien.arrays import Array
+from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
 from mien.files import whole_file
 from mien.tracking.state import Status
@@ -91,7 +91,7 @@ def _plot_confidence(axis: Axes, time: Array, confidence: Array) -> None:
     axis.set_ylabel("confidence")
 
 
-def _shade(axis: Axes, time: Array, lost: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+def _shade(axis: Axes, time: Array, lost: Mask) -> None:
     """Shade each run of lost frames, from halfway before its first frame to halfway after its last."""
     if not lost.any():
         return

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from long_motion import sequence
+from mien.arrays import Array
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd
 from mien.tracking.realtime import RealtimeTracker
@@ -15,7 +16,7 @@ from small_motion import face
 
 
 @pytest.fixture(scope="module")
-def problem() -> tuple[PosePosterior, np.ndarray]:
+def problem() -> tuple[PosePosterior, Array]:
     """The posterior of a frame and the state of the frame before it."""
     tracker, frames = RealtimeTracker(), sequence().frames
     tracker.initialize(frames[0], face().landmarks, face().camera)
@@ -28,7 +29,7 @@ def problem() -> tuple[PosePosterior, np.ndarray]:
     )
 
 
-def test_the_gradient_goes_where_the_simplex_goes(problem: tuple[PosePosterior, np.ndarray]) -> None:
+def test_the_gradient_goes_where_the_simplex_goes(problem: tuple[PosePosterior, Array]) -> None:
     posterior, start = problem
     by_gradient = LevenbergMarquardt(40, 1e-6).minimize(posterior, start)
     sd = 0.3 * state_sd(3.0, 0.1, 0.2, 0.2)
@@ -39,7 +40,7 @@ def test_the_gradient_goes_where_the_simplex_goes(problem: tuple[PosePosterior, 
     assert by_gradient.energy < posterior.energy(start)
 
 
-def test_the_simplex_comes_close_from_the_start(problem: tuple[PosePosterior, np.ndarray]) -> None:
+def test_the_simplex_comes_close_from_the_start(problem: tuple[PosePosterior, Array]) -> None:
     posterior, start = problem
     by_gradient = LevenbergMarquardt(40, 1e-6).minimize(posterior, start)
     by_simplex = Simplex(0.3 * state_sd(3.0, 0.1, 0.2, 0.2), 6000, np.random.default_rng(0)).minimize(posterior, start)
