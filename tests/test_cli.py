@@ -29,7 +29,8 @@ from mien.output.track import Track
 from mien.terminal import frames_bar, jobs_bar
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
-from videos import Device, known_portrait, portrait_images, portrait_landmarks, turn_by_metadata, write_video
+from small_motion import face
+from videos import Device, portrait_images, portrait_landmarks, turn_by_metadata, write_video
 
 TABLES = {"out.csv", "out.json", "out.parquet"}
 
@@ -463,7 +464,7 @@ def _detects(monkeypatch: pytest.MonkeyPatch, faces: list[Landmarks], at: int = 
 
 
 def _faces(count: int) -> list[Landmarks]:
-    known = known_portrait().landmarks
+    known = face().landmarks
     return [replace(known, points=known.points + 5 * k) for k in range(count)]
 
 
@@ -475,7 +476,7 @@ def test_no_face(refused: Callable[..., None], video: Path, monkeypatch: pytest.
 
 def test_a_face_that_comes_later(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What comes before it is tracked backwards; its landmarks, from NAME.json, give the same track."""
-    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=2, time=0.08)], at=2)
+    _detects(monkeypatch, [replace(face().landmarks, frame_index=2, time=0.08)], at=2)
     result = mien("track", video, "-o", "out.csv", "--overlay", "out.mp4", "--passes", "2")
     assert result.status == 0
     assert "in.mkv: a face is first found at 0.08 s" in result.err
@@ -488,7 +489,7 @@ def test_a_face_that_comes_later(mien: Command, video: Path, monkeypatch: pytest
 def test_a_face_that_comes_much_later(mien: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What comes long before it has rows without a pose, which say so."""
     video = write_video(tmp_path / "in.mkv", portrait_images(), times_ms=[0, 40, 99960, 100000, 100040, 100080])
-    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=3, time=100.0)], at=3)
+    _detects(monkeypatch, [replace(face().landmarks, frame_index=3, time=100.0)], at=3)
     assert mien("track", video, "-o", "out.csv").status == 0
     track = Track.read(tmp_path / "out.csv")
     assert track.status == ["lost", "lost", "tracked", "initialized", "tracked", "tracked"]
@@ -498,7 +499,7 @@ def test_a_face_that_comes_much_later(mien: Command, monkeypatch: pytest.MonkeyP
 def test_landmarks_of_a_time_that_the_video_does_not_have(
     refused: Callable[..., None], video: Path, tmp_path: Path
 ) -> None:
-    write_landmarks(tmp_path / "late.json", replace(known_portrait().landmarks, time=9.0))
+    write_landmarks(tmp_path / "late.json", replace(face().landmarks, time=9.0))
     refused(["track", video, "--landmarks", "late.json"], "late.json belongs to 9.00 s", "in.mkv has no frame")
 
 
@@ -508,7 +509,7 @@ def test_several_faces(mien: Command, video: Path, monkeypatch: pytest.MonkeyPat
     assert result.status == 0
     assert "in.mkv: 3 faces in the frame at 0.00 s; the largest is tracked" in result.err
     first = json.loads((tmp_path / "out.json").read_text())["landmarks"]["points"][0]
-    assert first == pytest.approx(known_portrait().landmarks.points[0].tolist(), abs=1e-3)
+    assert first == pytest.approx(face().landmarks.points[0].tolist(), abs=1e-3)
 
 
 def test_a_file_that_is_read_often_is_complained_of_once(
@@ -519,7 +520,7 @@ def test_a_file_that_is_read_often_is_complained_of_once(
     for index, image in enumerate(portrait_images()):
         cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), image[..., ::-1])
     (tmp_path / "images" / "1.png").write_bytes(b"no image")
-    _detects(monkeypatch, [replace(known_portrait().landmarks, frame_index=2, time=0.08)], at=2)
+    _detects(monkeypatch, [replace(face().landmarks, frame_index=2, time=0.08)], at=2)
     result = mien("track", tmp_path / "images", "-o", "out.csv", "--passes", "2")
     assert result.status == 0
     assert result.err.count("1.png is not a readable image and was skipped") == 1
@@ -536,7 +537,7 @@ def test_no_face_and_two_faces_with_the_real_detector(
     result = mien("track", two, "-o", "out.csv")
     assert "two.mkv: 2 faces" in result.err
     assert result.status == 0
-    asked = ("--face", 320 + 0.75 * known_portrait().landmarks.points[:, 0].mean(), 120)
+    asked = ("--face", 320 + 0.75 * face().landmarks.points[:, 0].mean(), 120)
     result = mien("track", two, "-o", "right.csv", *asked)
     assert "faces" not in result.err
     left, right = (Track.read(tmp_path / name).table.column("x_0")[0].as_py() for name in ("out.csv", "right.csv"))
@@ -556,7 +557,7 @@ def test_no_face_and_two_faces_with_the_real_detector(
 
 
 def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_path: Path) -> None:
-    known = known_portrait().landmarks
+    known = face().landmarks
     small = replace(known, points=100 + 30 * (known.points - known.points.min(axis=0)) / np.ptp(known.points, axis=0))
     write_landmarks(tmp_path / "small.json", small)
     refused(["track", video, "--landmarks", "small.json"], "small.json: the face measures 30", "enlarge")
@@ -565,7 +566,7 @@ def test_face_under_40_pixels(refused: Callable[..., None], video: Path, tmp_pat
 def test_detected_face_under_40_pixels(
     refused: Callable[..., None], video: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    known = known_portrait().landmarks
+    known = face().landmarks
     _detects(monkeypatch, [replace(known, points=100 + 0.1 * known.points)])
     refused(["track", video], "in.mkv", "pixels", "enlarge or crop")
 

@@ -16,8 +16,9 @@ from mien.demo import DemoErrors, compare, demo_states, run_demo
 from mien.errors import MienError
 from mien.output.destination import Destination
 from mien.output.track import Track
-from mien.synthetic import make_sequence, portrait
+from mien.synthetic import make_sequence
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from small_motion import face
 
 SECONDS = 0.6
 
@@ -83,16 +84,16 @@ def test_its_video_is_no_overlay(demo: tuple[Path, DemoErrors, str], tmp_path: P
 
 def test_errors_by_hand() -> None:
     """A track of the true pose, its landmarks off by (3, 4) pixels, its animation by 0.1, its last frame lost."""
-    face = portrait()
-    sequence = make_sequence(face, np.tile(face.state, (3, 1)))
+    known = face()
+    sequence = make_sequence(known, np.tile(known.state, (3, 1)))
     estimates = [
         Estimate(
             k,
             k / 25,
             Status.TRACKED,
-            face.fit.R,
-            face.fit.t,
-            face.fit.animation + 0.1,
+            known.fit.R,
+            known.fit.t,
+            known.fit.animation + 0.1,
             landmarks=TrackedLandmarks(("p",) * 26, sequence.landmarks[k] + [3, 4]),
         )
         for k in range(2)
@@ -106,8 +107,7 @@ def test_errors_by_hand() -> None:
 
 
 def test_states_begin_at_the_portrait_and_are_smooth() -> None:
-    face = portrait()
-    states = demo_states(face, 100)
-    np.testing.assert_allclose(states[0], face.state, atol=1e-9)
+    states = demo_states(face(), 100)
+    np.testing.assert_allclose(states[0], face().state, atol=1e-9)
     assert np.degrees(np.abs(np.diff(states[:, :3], axis=0))).max() < 4
     assert np.abs(np.diff(states[:, 6:], axis=0)).max() < 0.15

@@ -25,13 +25,14 @@ from mien.output.track import Track
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Estimate, Status, TrackedLandmarks
 from mien.video import decode_frame, open_video
-from videos import known_portrait, write_video
+from small_motion import face
+from videos import write_video
 
 COUNT, FPS = 40, 10
 HERE = range(7, 32)
 """Frames in which the face on the right is there; a look is at every fifth."""
 WIDTH, HEIGHT = 320, 240
-FOCAL = known_portrait().camera.focal_px
+FOCAL = face().camera.focal_px
 
 
 @cache
@@ -39,7 +40,7 @@ def turning(way: int) -> SyntheticSequence:
     """The portrait that turns by half a degree a frame to one side."""
     angles = np.zeros((COUNT, 3))
     angles[:, 1] = 0.5 * way * np.arange(COUNT)
-    return make_sequence(known_portrait(), moved(known_portrait(), angles, 0 * angles, np.zeros((COUNT, 6))))
+    return make_sequence(face(), moved(face(), angles, 0 * angles, np.zeros((COUNT, 6))))
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from mien.initialization.landmarks import Landmarks, Point
 from mien.start import search
 from mien.tracking.state import Estimate, Status
 from mien.video import FOLDER_FPS
-from videos import known_portrait
+from small_motion import face
 
 FRAMES = 30
 SEEN = range(3, 10)
@@ -54,9 +54,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for index in range(FRAMES):
         cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((240, 320, 3), 128, np.uint8))
     monkeypatch.setattr(live, "create_tracker", lambda name: Told())
-    face = known_portrait().landmarks
-    monkeypatch.setattr(detector, "detect_once", lambda frame, at: [face] * (frame.index >= SEEN.start))
-    monkeypatch.setattr(detector, "detect", lambda frame, at: [face])
+    known = face().landmarks
+    monkeypatch.setattr(detector, "detect_once", lambda frame, at: [known] * (frame.index >= SEEN.start))
+    monkeypatch.setattr(detector, "detect", lambda frame, at: [known])
     return tmp_path
 
 
@@ -174,8 +174,8 @@ def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: p
     """Also if it was looked for in one before, at the end of which it was the known one."""
     monkeypatch.setattr(search, "turn_of", lambda *args: 90.0)
     monkeypatch.setattr(search, "_PATIENCE", 0.11)
-    face = known_portrait().landmarks
-    look = lambda frame, at: [replace(face, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
+    known = face().landmarks
+    look = lambda frame, at: [replace(known, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
     monkeypatch.setattr(detector, "detect_once", look)
     sure = {*range(6, 15), *range(18, 24)}
     monkeypatch.setattr(
@@ -218,7 +218,7 @@ def test_the_face_at_a_point_is_learned(folder: Path, monkeypatch: pytest.Monkey
 
     def detect(frame: Frame, at: Point | None) -> list[Landmarks]:
         asked.append(at)
-        return [known_portrait().landmarks] * (frame.index >= SEEN.start)
+        return [face().landmarks] * (frame.index >= SEEN.start)
 
     monkeypatch.setattr(detector, "detect_once", detect)
     learned = [
@@ -249,9 +249,9 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
 
 def test_a_face_that_enters_from_the_border_is_waited_for(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of it is detected beyond the border: nothing could be learned there."""
-    face = known_portrait().landmarks
-    half = replace(face, points=face.points - [face.points[:, 0].mean(), 0])
-    seen = lambda frame, at: [half if frame.index < SEEN.start + 2 else face]  # noqa: E731
+    known = face().landmarks
+    half = replace(known, points=known.points - [known.points[:, 0].mean(), 0])
+    seen = lambda frame, at: [half if frame.index < SEEN.start + 2 else known]  # noqa: E731
     monkeypatch.setattr(detector, "detect_once", seen)
     statuses = [estimate.status for _, estimate in mien.stream(folder)]
     assert statuses[: SEEN.start + 2] == [Status.LOST] * (SEEN.start + 2)

@@ -34,7 +34,8 @@ from mien.start.footage import Footage
 from mien.tracking.state import Estimate, Status
 from mien.video import open_video
 from own_trackers import use_tracker
-from videos import known_portrait, portrait_images, write_video
+from small_motion import face
+from videos import portrait_images, write_video
 
 
 class StillTracker:
@@ -73,7 +74,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
-    begin = first_frame.prepare(Footage(open_video(folder)), known_portrait().landmarks)
+    begin = first_frame.prepare(Footage(open_video(folder)), face().landmarks)
     pairs = list(run.run(StillTracker(), begin))
     assert [frame.index for frame, _ in pairs] == [estimate.index for _, estimate in pairs] == list(range(6))
     assert [estimate.status for _, estimate in pairs] == [Status.INITIALIZED, *[Status.TRACKED] * 5]
@@ -81,7 +82,7 @@ def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:
 
 def test_a_folder_of_images_gives_a_row_for_each_frame(tracker: StillTracker, folder: Path) -> None:
     tracker.lost = (2,)
-    track = mien.track(folder, landmarks=known_portrait().landmarks)
+    track = mien.track(folder, landmarks=face().landmarks)
     assert track.status == ["initialized", "tracked", "lost", "tracked", "tracked", "tracked"]
     np.testing.assert_allclose(track.time, np.arange(6) / 25, atol=1e-6)
     assert track.metadata["video"]["width"] == 320
@@ -96,7 +97,7 @@ def test_a_tracker_that_returns_no_estimate_is_named(
     monkeypatch.setattr(tracker, method, lambda *_: returned)
     message = rf":StillTracker returned {type(returned).__name__} for frame {frame}; its initialize and track must"
     with pytest.raises(MienError, match=message):
-        mien.track(folder, landmarks=known_portrait().landmarks)
+        mien.track(folder, landmarks=face().landmarks)
 
 
 @pytest.mark.parametrize("method", ["initialize", "track"])
@@ -105,7 +106,7 @@ def test_a_tracker_does_not_end_the_program(
 ) -> None:
     monkeypatch.setattr(tracker, method, lambda *_: sys.exit(0))
     with pytest.raises(MienError, match=r":StillTracker called sys\.exit\(0\); a tracker must not"):
-        mien.track(folder, landmarks=known_portrait().landmarks)
+        mien.track(folder, landmarks=face().landmarks)
 
 
 def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, tmp_path: Path) -> None:
@@ -115,7 +116,7 @@ def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, t
         raise OSError("the camera was unplugged")
 
     with pytest.raises(OSError, match="unplugged"), pytest.warns(MienWarning, match="stopped after 6 frames"):
-        mien.track(frames(), landmarks=known_portrait().landmarks, save=tmp_path / "out")
+        mien.track(frames(), landmarks=face().landmarks, save=tmp_path / "out")
     track = mien.Track.read(tmp_path / "out.csv")
     np.testing.assert_allclose(track.time, np.arange(6) / 30, atol=1e-6)
     assert track.metadata["video"]["name"] == "the frames"
@@ -127,7 +128,7 @@ def test_a_face_that_is_turned_in_the_first_frame_is_warned_of(
     pan_deg: float, warned: bool, tracker: StillTracker, folder: Path, recwarn: pytest.WarningsRecorder
 ) -> None:
     tracker.rotation = FACING @ exp(np.radians([0, pan_deg, 0]))
-    mien.track(folder, landmarks=known_portrait().landmarks)
+    mien.track(folder, landmarks=face().landmarks)
     assert ["turned by 25 degrees at 0.00 s" in str(w.message) for w in recwarn] == [True] * warned
 
 
@@ -140,22 +141,20 @@ def test_numbers_do_not_depend_on_the_threads_of_a_program(tracker: StillTracker
     counts: list[set[int]] = []
     with threadpool_limits(2, user_api="blas"):
         before = threads()
-        mien.track(folder, landmarks=known_portrait().landmarks, progress=lambda e, total: counts.append(threads()))
+        mien.track(folder, landmarks=face().landmarks, progress=lambda e, total: counts.append(threads()))
         assert threads() == before
     assert counts == [{1}] * 6
 
 
 def test_progress_hears_of_every_frame(tracker: StillTracker, folder: Path) -> None:
     heard: list[tuple[int, int | None]] = []
-    mien.track(
-        folder, landmarks=known_portrait().landmarks, end=0.1, progress=lambda e, total: heard.append((e.index, total))
-    )
+    mien.track(folder, landmarks=face().landmarks, end=0.1, progress=lambda e, total: heard.append((e.index, total)))
     assert [index for index, _ in heard] == [0, 1, 2]
     assert {total for _, total in heard} == {3}
 
 
 def test_an_overlay_is_drawn_for_trackers_without_a_mesh(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
-    mien.track(folder, landmarks=known_portrait().landmarks, overlay=tmp_path / "o.mp4", plot=tmp_path / "p.svg")
+    mien.track(folder, landmarks=face().landmarks, overlay=tmp_path / "o.mp4", plot=tmp_path / "p.svg")
     assert (tmp_path / "o.mp4").stat().st_size > 0
     assert (tmp_path / "p.svg").stat().st_size > 0
 
@@ -169,7 +168,7 @@ def test_a_head_is_refused_for_trackers_without_a_mesh(tracker: StillTracker, fo
 
 def test_landmarks_are_those_of_the_file_to_the_last_digit(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
     """Detected landmarks are rounded before they are used, so that a run from NAME.json is the same run."""
-    known = known_portrait().landmarks
+    known = face().landmarks
     noisy = Landmarks(known.points + 1 / 3, known.scheme, None, source="test")
     mien.track(folder, landmarks=noisy, save=tmp_path / "out")
     used = tracker.landmarks.points
@@ -179,14 +178,14 @@ def test_landmarks_are_those_of_the_file_to_the_last_digit(tracker: StillTracker
 
 def test_selection_of_frames_and_landmarks_of_another_time(tracker: StillTracker, folder: Path) -> None:
     with pytest.warns(MienWarning, match=r"0\.00 s and tracking begins at 0\.12 s; a start at 0\.0 s begins"):
-        track = mien.track(folder, landmarks=known_portrait().landmarks, start=0.1)
+        track = mien.track(folder, landmarks=face().landmarks, start=0.1)
     assert track.index.tolist() == [3, 4, 5]
 
 
 def test_where_given_landmarks_belong_is_told_to_the_last_digit(tracker: StillTracker, tmp_path: Path) -> None:
     """A third of a second has no end in decimals: it must not be rounded past its frame."""
     video = write_video(tmp_path / "in.avi", portrait_images(), fps=3)
-    marks = replace(known_portrait().landmarks, frame_index=2, time=2 / 3)
+    marks = replace(face().landmarks, frame_index=2, time=2 / 3)
     with pytest.warns(MienWarning, match=r"begins at 1\.33 s; a start at 0\.666667 s begins where it belongs"):
         mien.track(video, landmarks=marks, start=1.2)
     track = mien.track(video, landmarks=marks, start=0.666667)
@@ -198,7 +197,7 @@ def test_progress_hears_of_the_search_for_a_face(passes: int, monkeypatch: pytes
     def third_frame(frames: Iterator[Frame], at: Point | None) -> tuple[Frame, list[Landmarks]]:
         frame = next(frame for frame in frames if frame.index == 2)
         assert heard == [(0, "lost"), (1, "lost")]  # while it is looked for
-        return frame, [replace(known_portrait().landmarks, frame_index=2, time=frame.time)]
+        return frame, [replace(face().landmarks, frame_index=2, time=frame.time)]
 
     heard: list[tuple[int, str]] = []
     use_tracker(monkeypatch, lambda name: PatientTracker())
@@ -237,7 +236,7 @@ def test_tracking_goes_both_ways_from_landmarks_of_a_later_frame(
     seen: list[list[int]] = []
     heard: list[int] = []
     use_tracker(monkeypatch, lambda name: Diary(seen))
-    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
     track = mien.track(folder, landmarks=marks, progress=lambda e, total: heard.append(e.index))
     assert seen == [[3, 2, 1, 0], [3, 4, 5]]
     assert heard == [2, 1, 0, 3, 4, 5]
@@ -251,7 +250,7 @@ def test_a_face_that_was_not_there_long_before_the_first_frame_is_not_looked_for
 ) -> None:
     monkeypatch.setattr(run, "_FACELESS_SECONDS", 0.05)
     tracker.lost = (0, 1, 2, 3)
-    marks = replace(known_portrait().landmarks, frame_index=5, time=0.2)
+    marks = replace(face().landmarks, frame_index=5, time=0.2)
     track = mien.track(folder, landmarks=marks)
     reasons = [*["tracking begins later"] * 2, *["it was told to"] * 2, None, None]
     assert track.table.column("reason").to_pylist() == reasons
@@ -264,7 +263,7 @@ def test_the_mesh_is_drawn_on_what_comes_before_the_first_frame(
         settings = RealtimeSettings()
 
         def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-            self.fit = known_portrait().fit
+            self.fit = face().fit
             return super().initialize(frame, landmarks, camera)
 
         def again(self) -> Fitted:
@@ -275,7 +274,7 @@ def test_the_mesh_is_drawn_on_what_comes_before_the_first_frame(
 
     drawn: list[int] = []
     use_tracker(monkeypatch, lambda name: Fitted([]))
-    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
     mien.track(folder, landmarks=marks, overlay=tmp_path / "out.mp4")
     assert drawn == list(range(6))
 
@@ -284,7 +283,7 @@ def test_stopped_on_the_way_back_the_rows_are_kept(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
     use_tracker(monkeypatch, lambda name: Diary([], stops=0))
-    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
     with pytest.warns(MienWarning, match="stopped after 2 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=marks, save=tmp_path / "out")
     kept = mien.Track.read(tmp_path / "out")
@@ -305,7 +304,7 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
 
     use_tracker(monkeypatch, lambda name: Diary([]))
     monkeypatch.setattr(passes, "drawing", drawing)
-    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
     with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=marks, save=tmp_path / "out")
     assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
@@ -323,7 +322,7 @@ def test_stopped_after_the_last_frame_all_rows_are_kept(
     read: list[Path] = []
     monkeypatch.setattr("mien.start.footage.checksum", checksum)
     with pytest.warns(MienWarning, match="stopped after 6 frames"), pytest.raises(KeyboardInterrupt):
-        mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
+        mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out")
     assert read == [folder]
     kept = mien.Track.read(tmp_path / "out")
     assert len(kept) == 6
@@ -345,7 +344,7 @@ def test_the_window_shows_every_frame_also_before_there_is_a_face(
     ) -> tuple[Frame, Landmarks]:
         without_face(next(frames))
         first = next(frames)
-        return first, replace(known_portrait().landmarks, frame_index=first.index, time=first.time)
+        return first, replace(face().landmarks, frame_index=first.index, time=first.time)
 
     shown: list[Pixels] = []
     monkeypatch.setattr(pipeline, "Window", Window)
@@ -361,7 +360,7 @@ def test_the_window_shows_every_frame_also_before_there_is_a_face(
 def test_a_list_of_frames_is_tracked_like_a_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Back from where the face is learned, and twice if asked."""
     use_tracker(monkeypatch, lambda name: PatientTracker())
-    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
     frames = list(open_video(folder))
     tables = [mien.track(video, landmarks=marks, passes=2).table for video in (folder, frames)]
     assert tables[0].equals(tables[1])
@@ -381,7 +380,7 @@ def test_a_face_that_is_covered_in_the_first_frame_is_warned_of(
     recwarn: pytest.WarningsRecorder,
 ) -> None:
     tracker.rotation = FACING @ exp(np.radians([0, pan_deg, 0]))
-    mien.track(folder, landmarks=replace(known_portrait().landmarks, disagreement=disagreement))
+    mien.track(folder, landmarks=replace(face().landmarks, disagreement=disagreement))
     assert [warned in str(w.message) for w in recwarn] == [True] * bool(warned)
 
 
@@ -393,14 +392,14 @@ def test_landmarks_belong_to_the_frame_that_is_nearest_in_time(
     """However irregular the times of the video are."""
     stamps = (0.0, 0.1, 0.4, 0.5, 3.0, 6.0)
     frames = [Frame(image, k, t) for k, (image, t) in enumerate(zip(portrait_images(), stamps, strict=True))]
-    marks = replace(known_portrait().landmarks, frame_index=first, time=time)
+    marks = replace(face().landmarks, frame_index=first, time=time)
     track = mien.track(frames if at_once else iter(frames), landmarks=marks)
     assert track.status.index("initialized") == first
     assert track.index.tolist() == list(range(6))
 
 
 def test_frames_before_the_given_landmarks_have_rows_as_of_a_file(tracker: StillTracker, folder: Path) -> None:
-    marks = replace(known_portrait().landmarks, frame_index=3, time=0.12)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
     track = mien.track(iter(list(open_video(folder))), landmarks=marks)
     assert track.index.tolist() == list(range(6))
     assert track.table.column("reason").to_pylist() == [*["tracking begins later"] * 3, None, None, None]
@@ -436,7 +435,7 @@ def test_a_tracker_of_ones_own_may_have_axes_of_another_kind(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
     use_tracker(monkeypatch, lambda name: WithAxes())
-    mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
+    mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out")
     assert mien.Track.read(tmp_path / "out").metadata["settings"] == {"patience": None}
 
 
@@ -450,11 +449,11 @@ def test_graphics_before_the_face_are_warned_of(
         monkeypatch.setattr(StillTracker, "graphics", None, raising=False)
     graphics = Graphics(320, 240, 100, 90, np.ones((20, 30), dtype=bool))
     with pytest.warns(MienWarning, match=f"stand still before the face; {then}"):
-        mien.track(folder, landmarks=replace(known_portrait().landmarks, graphics=graphics))
+        mien.track(folder, landmarks=replace(face().landmarks, graphics=graphics))
 
 
 def test_landmarks_may_have_numbers_of_numpy(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
-    marks = replace(known_portrait().landmarks, frame_index=np.int64(0), time=np.float32(0))
+    marks = replace(face().landmarks, frame_index=np.int64(0), time=np.float32(0))
     assert len(mien.track(folder, landmarks=marks, save=tmp_path / "out")) == 6
 
 
@@ -463,7 +462,7 @@ def test_all_rotations_are_told_as_they_are_known_in_the_end(
     stops: bool, monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
     use_tracker(monkeypatch, lambda name: WiserTracker(stops))
-    marks = known_portrait().landmarks
+    marks = face().landmarks
     if stops:
         with pytest.warns(MienWarning, match="stopped after 4 frames"), pytest.raises(KeyboardInterrupt):
             mien.track(folder, landmarks=marks, save=tmp_path / "out")
@@ -495,7 +494,7 @@ def test_the_second_pass_begins_with_what_the_first_has_learned(
     heard: list[tuple[int, int | None]] = []
     track = mien.track(
         folder,
-        landmarks=known_portrait().landmarks,
+        landmarks=face().landmarks,
         passes=2,
         save=tmp_path / "out",
         progress=lambda e, total: heard.append((e.index, total)),
@@ -514,7 +513,7 @@ def test_stopped_in_the_second_pass_the_first_is_kept(
 ) -> None:
     """The overlay is that of the second, as far as it was drawn: not at all where it was stopped on the way back."""
     use_tracker(monkeypatch, lambda name: PatientTracker(stops=stops))
-    marks = replace(known_portrait().landmarks, frame_index=first, time=first / 25)
+    marks = replace(face().landmarks, frame_index=first, time=first / 25)
     overlay = tmp_path / "out.mp4"
     message = "holds the first" + r", and .*out\.mp4 ends where it was stopped" * drawn + "$"
     with pytest.warns(MienWarning, match=f"stopped in the second pass; .* {message}"), pytest.raises(type(stops)):
@@ -528,10 +527,10 @@ def test_stopped_in_the_second_pass_the_first_is_kept(
 
 def test_passes_that_cannot_be_had_are_refused(tracker: StillTracker, folder: Path) -> None:
     with pytest.raises(MienError, match="learns nothing"):
-        mien.track(folder, landmarks=known_portrait().landmarks, passes=2)
+        mien.track(folder, landmarks=face().landmarks, passes=2)
     for wrong in (0, 3):
         with pytest.raises(MienError, match=f"passes is {wrong}"):
-            mien.track(folder, landmarks=known_portrait().landmarks, passes=wrong)
+            mien.track(folder, landmarks=face().landmarks, passes=wrong)
 
 
 def test_an_error_on_the_way_keeps_the_rows_and_says_so(
@@ -544,13 +543,13 @@ def test_an_error_on_the_way_keeps_the_rows_and_says_so(
 
     monkeypatch.setattr(tracker, "track", fail)
     with pytest.warns(MienWarning, match="stopped after 4 frames"), pytest.raises(ZeroDivisionError):
-        mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out.csv")
+        mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out.csv")
     assert len(mien.Track.read(tmp_path / "out.csv")) == 4
     assert json.loads((tmp_path / "out.json").read_text())["stopped"] == "ZeroDivisionError: a bug"
 
 
 def test_what_is_no_input_is_named(tracker: StillTracker, folder: Path) -> None:
-    marks: Any = known_portrait().landmarks
+    marks: Any = face().landmarks
     wrong: list[tuple[Any, dict[str, Any], str]] = [
         (folder, {"landmarks": marks.points}, r"landmarks are .*ndarray"),
         (folder, {"face": (1, 2, 3)}, r"face is \(1, 2, 3\)"),
@@ -568,7 +567,7 @@ def test_what_is_no_input_is_named(tracker: StillTracker, folder: Path) -> None:
 def test_a_further_face_of_an_earlier_run_is_warned_of(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "out.face1.csv").write_text("")
     with pytest.warns(MienWarning, match=r"out\.face1\.csv is left from an earlier run; this one has 1 face$"):
-        mien.track(folder, landmarks=known_portrait().landmarks, save=tmp_path / "out")
+        mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out")
 
 
 def test_all_further_faces_of_an_earlier_run_are_named(tmp_path: Path) -> None:
@@ -585,5 +584,5 @@ def test_outputs_never_replace_inputs_or_each_other(tracker: StillTracker, tmp_p
     video = write_video(tmp_path / "in.mp4", portrait_images(2), codec="libx264", pix_fmt="yuv420p")
     before = video.read_bytes()
     with pytest.raises(MienError, match=r"in\.mp4 would overwrite an input"):
-        mien.track(video, landmarks=known_portrait().landmarks, overlay=tmp_path / "x" / ".." / "in.mp4")
+        mien.track(video, landmarks=face().landmarks, overlay=tmp_path / "x" / ".." / "in.mp4")
     assert video.read_bytes() == before

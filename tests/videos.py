@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from mien.arrays import Pixels
 from mien.frame import Frame
 from mien.initialization.landmark_files import write_landmarks
-from mien.synthetic import Portrait, make_sequence, moved, portrait
+from mien.synthetic import make_sequence, moved
 from mien.video import open_video
+from small_motion import face
 
 MILLISECONDS = Fraction(1, 1000)
 
@@ -91,22 +92,17 @@ def turn_by_metadata(path: Path, shown: tuple[int, int, int, int] = (0, 1, -1, 0
 
 
 @cache
-def known_portrait() -> Portrait:
-    return portrait()
-
-
-@cache
 def portrait_images(count: int = 6) -> tuple[Pixels, ...]:
     """The portrait turning by one degree a frame, rendered: (240, 320, 3) each."""
     angles = np.zeros((count, 3))
     angles[:, 1] = np.arange(count)
-    states = moved(known_portrait(), angles, np.zeros((count, 3)), np.zeros((count, 6)))
-    return tuple(f.pixels for f in make_sequence(known_portrait(), states).frames)
+    states = moved(face(), angles, np.zeros((count, 3)), np.zeros((count, 6)))
+    return tuple(f.pixels for f in make_sequence(face(), states).frames)
 
 
 def portrait_landmarks(path: Path) -> Path:
     """The landmarks of the first of `portrait_images`, written to `path`."""
-    write_landmarks(path, known_portrait().landmarks)
+    write_landmarks(path, face().landmarks)
     return path
 
 

@@ -12,7 +12,7 @@ import pytest
 from mien.errors import MienError, MienWarning
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import SCHEMES, Landmarks
-from videos import known_portrait
+from small_motion import face
 
 RNG = np.random.default_rng(2)
 POINTS = np.round(RNG.uniform(50, 200, (68, 2)), 3)
@@ -178,7 +178,7 @@ def test_csv_that_lacks_a_column(tmp_path: Path) -> None:
 
 def test_json_of_a_video_of_another_size_is_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "out.json"
-    content = {"video": {"width": 240, "height": 240}, "landmarks": known_portrait().landmarks.to_dict()}
+    content = {"video": {"width": 240, "height": 240}, "landmarks": face().landmarks.to_dict()}
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.warns(MienWarning, match="of a video of 240x240 pixels, and this one has 480x360"):
         read_landmarks(path, size=(480, 360))
@@ -189,7 +189,7 @@ def test_json_of_a_video_of_another_size_is_warned_of(tmp_path: Path) -> None:
 
 def test_json_of_another_frame_needs_its_time(tmp_path: Path) -> None:
     path = tmp_path / "marks.json"
-    values = known_portrait().landmarks.to_dict() | {"frame": 60}
+    values = face().landmarks.to_dict() | {"frame": 60}
     del values["time"]
     path.write_text(json.dumps(values), encoding="utf-8")
     with pytest.raises(MienError, match=r"marks\.json states no time of its frame 60; add `time`, in seconds$"):

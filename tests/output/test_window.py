@@ -13,7 +13,8 @@ import mien
 from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.output.window import Window
-from videos import known_portrait, portrait_images, write_video
+from small_motion import face
+from videos import portrait_images, write_video
 
 ESCAPE = 27
 
@@ -69,7 +70,7 @@ def test_what_was_tracked_until_then_is_written(screen: Screen, tmp_path: Path) 
     video, table = write_video(tmp_path / "face.mkv", portrait_images()), tmp_path / "out.csv"
     screen.key, screen.pressed_in = ESCAPE, 2
     with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="stopped after 3 frames"):
-        mien.track(video, landmarks=known_portrait().landmarks, save=table, show=True)
+        mien.track(video, landmarks=face().landmarks, save=table, show=True)
     assert len(screen.shown) == len(mien.Track.read(table)) == 3
 
 
@@ -79,7 +80,7 @@ def test_without_a_screen_nothing_is_begun(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     video = write_video(tmp_path / "face.mkv", portrait_images())
     with pytest.raises(MienError, match="no screen"):
-        mien.track(video, landmarks=known_portrait().landmarks, save=tmp_path / "out.csv", show=True)
+        mien.track(video, landmarks=face().landmarks, save=tmp_path / "out.csv", show=True)
     assert not (tmp_path / "out.csv").exists()
 
 

@@ -33,7 +33,7 @@ from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 from small_motion import face, run, small_motion
-from videos import known_portrait, portrait_images, turn_by_metadata, write_video
+from videos import portrait_images, turn_by_metadata, write_video
 
 
 @pytest.fixture(scope="module")
@@ -503,7 +503,7 @@ def test_of_what_a_video_decodes_the_luma_is_enough(
     found = []
     for shown_as in ([Frame(f.pixels, f.index, f.time) for f in frames], list(open_video(path))):
         tracker = RealtimeTracker()
-        tracker.initialize(shown_as[0], known_portrait().landmarks, known_portrait().camera)
+        tracker.initialize(shown_as[0], face().landmarks, face().camera)
         found.append([tracker.track(frame).euler for frame in shown_as[1:]])
         monkeypatch.delattr(Decoded, "rgb", raising=False)
     np.testing.assert_allclose(np.degrees(found[1]), np.degrees(found[0]), atol=0.1)
