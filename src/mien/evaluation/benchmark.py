@@ -19,7 +19,17 @@ from mien.errors import MienError, require, warn
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Sequence as DataSequence
 from mien.evaluation.job import Job
-from mien.evaluation.plan import Evaluation, Plan, command_of, label, replays, result_path, split_names, timing_path
+from mien.evaluation.plan import (
+    Evaluation,
+    Plan,
+    command_of,
+    evaluation_path,
+    label,
+    replays,
+    result_path,
+    split_names,
+    timing_path,
+)
 from mien.evaluation.results import SequenceResult, Timing
 from mien.files import checksum, require_writable
 from mien.processes import Call, Command, Progress, run_commands
@@ -63,7 +73,7 @@ def run_plan(
     sequences = _select(load_dataset(plan.dataset, plan.root), plan.sequences)
     _require_same_dataset(plan)
     _require_own_files(plan, sequences)
-    require_writable(plan.out / "evaluation.json")
+    require_writable(evaluation_path(plan.out))
     evaluation = Evaluation(
         dataset=plan.dataset,
         protocol=plan.protocol,
@@ -232,7 +242,7 @@ def _select(sequences: Sequence[DataSequence], names: Sequence[str]) -> list[Dat
 
 
 def _require_same_dataset(plan: Plan) -> None:
-    if (plan.out / "evaluation.json").exists():
+    if evaluation_path(plan.out).exists():
         before = Evaluation.load(plan.out).dataset
         require(
             before == plan.dataset,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from typing import Any
 from mien._version import __version__
 from mien.errors import MienError, require
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, protocol_named
-from mien.files import whole_file
+from mien.files import exists, whole_file
 from mien.registry import TRACKERS, argument_of, code_of, file_of
 
 LANDMARK_SOURCES = ("detected", "truth")
@@ -88,13 +87,13 @@ class Evaluation:
 
     def save(self, out: Path) -> None:
         """Write it to a results folder, atomically."""
-        with whole_file(_file(out)) as temporary:
+        with whole_file(evaluation_path(out)) as temporary:
             temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, out: Path) -> Evaluation:
         """Read it from a results folder. Raises MienError if there is none."""
-        path = _file(out)
+        path = evaluation_path(out)
         require(path.is_file(), f"{out} contains no results; create them with mien evaluate DATASET PATH -o {out}")
         try:
             values: Any = json.loads(path.read_text(encoding="utf-8"))
@@ -118,7 +117,7 @@ def split_names(text: str, is_known: Callable[[str], bool]) -> list[str]:
 def is_tracker(name: str) -> bool:
     """Whether this is the name of a tracker, or one with a file or folder that exists."""
     file = file_of(name)
-    return name in TRACKERS if file is None else os.path.exists(file)  # unlike Path.exists, accepts overlong names
+    return name in TRACKERS if file is None else exists(file)
 
 
 def label(tracker: str) -> str:
@@ -130,6 +129,11 @@ def label(tracker: str) -> str:
 def replays(tracker: str) -> bool:
     """Whether the tracker only reads results computed elsewhere, so that timing it is meaningless."""
     return tracker.partition(":")[0] == "openface"
+
+
+def evaluation_path(out: Path) -> Path:
+    """Path of the description of a results folder."""
+    return out / "evaluation.json"
 
 
 def result_path(out: Path, tracker: str, sequence: str) -> Path:
@@ -159,10 +163,6 @@ def command_of(plan: Plan) -> str:
     return shlex.join([*words, "-o", str(plan.out)])
 
 
-def _file(out: Path) -> Path:
-    return out / "evaluation.json"
-
-
 def _require_known(tracker: str) -> None:
     """Raise MienError for an unknown tracker before anything runs."""
     name, _, argument = tracker.partition(":")
@@ -172,7 +172,7 @@ def _require_known(tracker: str) -> None:
     )
     if name == "openface":
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
-        require(Path(argument).exists(), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
+        require(exists(Path(argument)), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
     argument_of(tracker)  # report invalid settings once, now, and not for every sequence
     require(
         name in TRACKERS or code_of(tracker) is not None,

@@ -24,7 +24,7 @@ from mien.evaluation.cells import (
     sum_of,
     table_1_cells,
 )
-from mien.evaluation.protocols import Protocol
+from mien.evaluation.protocols import ANGLE_NAMES, Protocol
 from mien.evaluation.published import REBASED_REFERENCES, TABLE_1
 from mien.evaluation.scores import (
     Score,
@@ -215,7 +215,7 @@ def calibration(scores: Scores) -> Table:
     by_kind = _by_kind(scores, lambda s: s.has_pose)
     rows = [(tracker, kind, *calibration_cells(chosen)) for tracker, kind, chosen in by_kind]
     levels = tuple(f"{level:.0%} interval (%)" for level in metrics.COVERAGE_LEVELS)
-    angles = tuple(f"{metrics.ANGLE_LEVEL:.0%} of {angle} (%)" for angle in ("tilt", "pan", "roll"))
+    angles = tuple(f"{metrics.ANGLE_LEVEL:.0%} of {angle} (%)" for angle in ANGLE_NAMES)
     return Table(
         "calibration",
         "Calibration",
@@ -287,7 +287,7 @@ def sequences(scores: Scores) -> Table:
         "sequences",
         "Every sequence",
         "Frames are those with truth. Errors are in degrees, the RMS of the twelve points in pixels.",
-        ("tracker", "sequence", "kind", "frames", "lost", "tilt", "pan", "roll", "mean", "RMS"),
+        ("tracker", "sequence", "kind", "frames", "lost", *ANGLE_NAMES, "mean", "RMS"),
         tuple(rows),
     )
 
