@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -114,11 +115,9 @@ def filmed(video: Path) -> Moved | None:
     seen = dict(seen_by_mediapipe(video, SECONDS))
     tracker, face = RealtimeTracker(), None
     estimates, nearest = list[Estimate](), list[Array]()
-    for frame in open_video(video):
+    for frame in takewhile(lambda frame: frame.time <= SECONDS, open_video(video)):
         if frame.index not in seen and face is None:
             continue
-        if frame.time > SECONDS:
-            break
         if face is None:
             landmarks = seen[frame.index]
             tracker.initialize(frame, landmarks, Camera.unknown(frame.width, frame.height))

@@ -25,7 +25,6 @@ from mien.errors import MienWarning, require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.evaluation.datasets.sequence import Sequence
-from mien.geometry.rotation import FACING
 from mien.video import open_video
 
 SHOT = 45
@@ -73,25 +72,13 @@ def main() -> None:
             own = np.array([whom == name for whom, _ in whose])
             sure = [track.confidence > SURE for track in tracks]
             face = int(np.argmax([np.count_nonzero(there & own) for there in sure]))
-            wrong = np.count_nonzero(sure[face] & ~own)
-            truth = sequences[name].read_truth(len(people[name])).rotations
-            assert truth is not None
-            true = truth[: own.sum()] @ FACING
-            errors = (
-                np.nanmean(apart_deg(true, rotations(track)[rows]))
-                for track, rows in (
-                    (tracks[face], own),
-                    (mien.track(Path(folder) / f"{name}.avi", camera=CAMERA), slice(None)),
-                )
-            )
-            cells = (
-                name,
-                own.sum(),
-                face,
-                np.count_nonzero(sure[face] & own),
-                wrong,
-                *(f"{error:.2f}" for error in errors),
-            )
+            of_own, of_others = (np.count_nonzero(sure[face] & whom) for whom in (own, ~own))
+            alone = mien.track(Path(folder) / f"{name}.avi", camera=CAMERA)
+            true = sequences[name].read_truth(len(people[name])).rotations
+            assert true is not None
+            seen = rotations(tracks[face])[own], rotations(alone)
+            errors = (f"{np.nanmean(apart_deg(true[: own.sum()], R)):.2f}" for R in seen)
+            cells = (name, own.sum(), face, of_own, of_others, *errors)
             print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 

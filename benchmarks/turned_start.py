@@ -9,9 +9,8 @@ face best and goes both ways.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from shared.command_line import carry_out, parser_of, print_heads
@@ -28,40 +27,17 @@ from mien.pipeline import run as both_ways
 from mien.start import first_frame
 from mien.start.footage import Footage
 from mien.tracking.realtime import RealtimeTracker
+from mien.video import open_video
 
-STEP = 25
+STEP, FPS = 25, 30
 TURNS_DEG = (0, 5, 10, 15, 20, 30, 90)
 KINDS = tuple(f"{low} to {high} degrees" for low, high in pairwise(TURNS_DEG))
 
 
-@dataclass(frozen=True)
-class Played:
-    """Frames of a sequence in another order, as a video."""
-
-    path: Path
-    frames: list[Frame]
-    fps: float = 30.0
-    begin: float = 0.0
-
-    @property
-    def name(self) -> str:
-        return str(self.path)
-
-    @property
-    def repeatable(self) -> bool:
-        return True
-
-    @property
-    def frame_count(self) -> int:
-        return len(self.frames)
-
-    def __iter__(self) -> Iterator[Frame]:
-        return (Frame(frame.pixels, k, k / self.fps) for k, frame in enumerate(self.frames))
-
-
 def as_tracked(run: Run) -> Score:
     """What `mien track` makes of a run: begun in the frame that shows the face best, and played both ways."""
-    begin = first_frame.prepare(Footage(Played(run.sequence.video, run.frames), camera=run.sequence.camera))
+    played = [Frame(frame.pixels, k, k / FPS) for k, frame in enumerate(run.frames)]
+    begin = first_frame.prepare(Footage(open_video(played), camera=run.sequence.camera))
     tracker = RealtimeTracker()
     earlier = {estimate.index: estimate for estimate in both_ways.run_back(tracker, begin)}
     onwards = tracker.again() if earlier else tracker
