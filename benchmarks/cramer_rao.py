@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from shared.command_line import carry_out, parser_of
+from shared.command_line import carry_out, parser_of, print_heads
 from shared.runs import rotations_of
 
 from mien.arrays import Array, Mask, Pixels
@@ -101,7 +101,7 @@ def main() -> None:
         "spread of the error between realisations of the noise": spread,
         "jitter (second difference over the square root of 6)": jitter,
     }
-    print("| | tilt | pan | roll | all | ratio to the bound |\n|---|---|---|---|---|---|")
+    print_heads("", "tilt", "pan", "roll", "all", "ratio to the bound")
     bound = np.sqrt((bounds[1] ** 2).mean())
     for name, values in rows.items():
         mean = np.sqrt((values**2).mean())

@@ -8,7 +8,6 @@ landmarks from the detector.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from shared.command_line import carry_out, parser_of
 from shared.runs import prepare, print_tables, score, thinned
@@ -26,8 +25,7 @@ def at_each_rate(sequence: Sequence) -> Iterator[Score]:
     """What a new tracker makes of a sequence at each rate."""
     run = prepare(sequence)
     for name, step in STEPS.items():
-        made = score(RealtimeTracker, thinned(run, step))
-        yield replace(made, result=replace(made.result, tracker=name))
+        yield score(RealtimeTracker, thinned(run, step), name)
 
 
 def main() -> None:

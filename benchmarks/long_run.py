@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from shared.command_line import carry_out, parser_of
+from shared.command_line import carry_out, parser_of, print_heads
 
 from mien.arrays import Array
 from mien.errors import require
@@ -94,11 +94,8 @@ def main() -> None:
     c = compare(Protocol.REBASED, Truth(len(order), rotations=truth[order]), long.rotations)
     counted = np.ones(period, bool)
     means = [mean_absolute_error(part, counted).mean() for part in (c.error_deg[:period], c.error_deg[-period:])]
-    print(
-        f"| | {' | '.join(f'return at {i / FPS:.0f} s' for i in returns)} "
-        "| drift | mean, first period | mean, last period | lost | MB, first period | MB, end | frames per CPU second |"
-    )
-    print("|---" * (len(returns) + 8) + "|")
+    columns = ("drift", "mean, first period", "mean, last period", "lost", "MB, first period", "MB, end")
+    print_heads("", *(f"return at {i / FPS:.0f} s" for i in returns), *columns, "frames per CPU second")
     print(
         f"| {sequence.name} | {' | '.join(f'{c.rotation_error_deg[i]:.2f}' for i in returns)} "
         f"| {c.rotation_error_deg[returns[-1]] - c.rotation_error_deg[returns[0]]:+.2f} "

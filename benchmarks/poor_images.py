@@ -73,8 +73,7 @@ def under_all(sequence: Sequence) -> Iterator[Score]:
     runs |= {f"{share:g} of the focal length": with_assumed(run, share) for share in FOCAL_SHARES}
     for name, seen in runs.items():
         if seen is not None:
-            made = score(RealtimeTracker, seen)
-            yield replace(made, result=replace(made.result, tracker=name))
+            yield score(RealtimeTracker, seen, name)
 
 
 def main() -> None:

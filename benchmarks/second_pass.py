@@ -7,7 +7,6 @@ landmarks from the detector.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from shared.command_line import carry_out, parser_of
 from shared.runs import prepare, print_tables, score
@@ -25,8 +24,7 @@ def twice(sequence: Sequence) -> Iterator[Score]:
     """What the first and the second pass over a sequence make of it."""
     run, tracker = prepare(sequence), RealtimeTracker()
     for name, make in zip(PASSES, (lambda: tracker, tracker.again), strict=True):
-        made = score(make, run)
-        yield replace(made, result=replace(made.result, tracker=name))
+        yield score(make, run, name)
 
 
 def main() -> None:

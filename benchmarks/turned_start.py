@@ -52,9 +52,8 @@ def starts(run: Run) -> Iterator[tuple[Score, Score]]:
         if begun is not None and begun.truth.rotations is not None:
             turn = np.degrees(np.arccos(np.clip(-begun.truth.rotations[0, 2, 2], -1, 1)))
             kind = KINDS[int(np.searchsorted(TURNS_DEG, turn, side="right")) - 1]
-            made = score(RealtimeTracker, begun)
-            made = replace(made, result=replace(made.result, tracker="realtime", kind=kind))
-            yield made, as_tracked(begun)
+            made = score(RealtimeTracker, begun, "realtime")
+            yield replace(made, result=replace(made.result, kind=kind)), as_tracked(begun)
 
 
 def aligned_deg(score: Score) -> Array:

@@ -65,15 +65,15 @@ def rotations_of(estimates: list[Estimate]) -> Array:
     return np.array([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
 
 
-def score(make: Callable[[], RealtimeTracker], run: Run) -> Score:
-    """What a tracker makes of a run."""
-    return scored(track(make(), run), run)
+def score(make: Callable[[], RealtimeTracker], run: Run, name: str = "") -> Score:
+    """What a tracker, by this name in the tables, makes of a run."""
+    return scored(track(make(), run), run, name)
 
 
-def scored(estimates: list[Estimate], run: Run) -> Score:
+def scored(estimates: list[Estimate], run: Run, name: str = "") -> Score:
     """Estimates of every frame of a run beside its truth."""
     sequence, table = run.sequence, TrackTable.from_estimates(estimates)
-    result = SequenceResult("", "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
+    result = SequenceResult(name, "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
     return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
 
 
