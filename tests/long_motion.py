@@ -11,10 +11,8 @@ import numpy as np
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.frame import Frame
-from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_VERTICES
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
-from mien.tracking.state import Estimate
 from small_motion import face
 
 FRAMES = 40
@@ -83,15 +81,3 @@ def shown(frames: Sequence[Frame], of: Sequence[int] | None = None) -> Synthetic
 def in_order(rows: Sequence[int]) -> SyntheticSequence:
     """The frames of `sequence()` in another order: left out, repeated, backwards."""
     return shown([sequence().frames[k] for k in rows], rows)
-
-
-def errors_deg(estimates: list[Estimate], truth: SyntheticSequence) -> Array:
-    """(n,) angle in degrees between the turn since the first frame and the true one; NaN where lost."""
-    first = estimates[0].rotation
-    assert first is not None
-    return np.array(
-        [
-            np.nan if e.rotation is None else np.degrees(angle_between(e.rotation @ first.T, R @ truth.R[0].T))
-            for e, R in zip(estimates, truth.R, strict=True)
-        ]
-    )

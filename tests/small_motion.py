@@ -9,11 +9,13 @@ import cv2
 import numpy as np
 
 from mien.arrays import Array, Pixels
+from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import place_of
 from mien.synthetic import Portrait, SyntheticSequence, make_sequence, moved, portrait
+from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Tracker
 
 ANGLES_DEG = np.array([4.0, -8.0, 5.0])
@@ -55,14 +57,28 @@ def with_border(frame: Frame, across: int, down: int) -> Frame:
     return Frame(np.asarray(wide, np.uint8), frame.index, frame.time)
 
 
+def begun(first: Frame, settings: RealtimeSettings | None = None) -> RealtimeTracker:
+    """The real-time tracker, which has learned the portrait in a frame."""
+    tracker = RealtimeTracker(settings)
+    tracker.initialize(first, face().landmarks, face().camera)
+    return tracker
+
+
 def run(tracker: Tracker, sequence: SyntheticSequence) -> list[Estimate]:
     """Estimates of all frames, from the portrait's landmarks on the first."""
     first = tracker.initialize(sequence.frames[0], face().landmarks, face().camera)
     return [first, *(tracker.track(frame) for frame in sequence.frames[1:])]
 
 
-def turn_error_deg(estimates: list[Estimate], sequence: SyntheticSequence) -> Array:
-    """Angles (n,) in degrees between the turn since the first frame that was estimated and the true one."""
-    R = np.stack([e.rotation for e in estimates if e.rotation is not None])
-    assert len(R) == len(sequence.R), [e.reason for e in estimates]
-    return np.asarray(np.degrees(angle_between(R @ R[0].T, sequence.R @ sequence.R[0].T)))
+def errors_deg(estimates: list[Estimate], truth: SyntheticSequence) -> Array:
+    """(n,) angles in degrees between the turn since the first frame and the true one; NaN where lost."""
+    R = np.stack([np.full((3, 3), np.nan) if e.rotation is None else e.rotation for e in estimates])
+    assert np.isfinite(R[0]).all()
+    return np.asarray(np.degrees(angle_between(R @ R[0].T, truth.R @ truth.R[0].T)))
+
+
+def errors_of_all_deg(estimates: list[Estimate], truth: SyntheticSequence) -> Array:
+    """The same (n,) of a track that has lost no frame."""
+    errors = errors_deg(estimates, truth)
+    assert np.isfinite(errors).all(), [e.reason for e in estimates]
+    return errors

@@ -6,14 +6,14 @@ import numpy as np
 
 from mien.baselines.chen import ChenTracker
 from mien.tracking.state import Status
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, face, run, small_motion
 
 
 def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(ChenTracker(evaluations=400), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert errors_of_all_deg(estimates, sequence)[-1] < 4
     assert estimates[-1].landmarks is not None
     distance = np.linalg.norm(estimates[-1].landmarks.image - sequence.landmarks[-1], axis=1)
     assert distance.mean() < 3

@@ -18,7 +18,7 @@ from mien.frame import Frame
 from mien.geometry.rotation import angle_between
 from mien.synthetic import make_sequence, moved
 from mien.tracking.state import Status
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, face, run, small_motion
 
 
 def test_illumination_templates_are_orthonormal_and_hold_the_texture() -> None:
@@ -59,7 +59,7 @@ def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(LaCasciaTracker(), sequence)
     assert [e.status for e in estimates] == [Status.INITIALIZED] + [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert errors_of_all_deg(estimates, sequence)[-1] < 4
 
 
 def _in_moving_light(tracker: LaCasciaTracker) -> float:

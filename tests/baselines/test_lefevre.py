@@ -20,7 +20,7 @@ from mien.baselines.lefevre import (
 )
 from mien.synthetic import make_sequence, moved
 from mien.tracking.state import Status
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, face, run, small_motion
 
 
 def _turned(pan_deg: float) -> Array:
@@ -83,7 +83,7 @@ def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(LefevreTracker(evaluations=400), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert errors_of_all_deg(estimates, sequence)[-1] < 4
 
 
 def test_a_black_frame_is_a_lost_frame_and_is_not_learned() -> None:

@@ -8,14 +8,14 @@ from mien.baselines.morency import KEYFRAME_SPACING_DEG, MorencyTracker
 from mien.geometry.rotation import angle_between
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Status
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, face, run, small_motion
 
 
 def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(MorencyTracker(), sequence)
     assert [e.status for e in estimates] == [Status.INITIALIZED] + [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert errors_of_all_deg(estimates, sequence)[-1] < 4
 
 
 def _swing() -> SyntheticSequence:

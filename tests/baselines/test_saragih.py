@@ -13,7 +13,7 @@ from mien.baselines.saragih import Experts, MeanShift, SaragihTracker
 from mien.geometry.rotation import angle_between, exp
 from mien.synthetic import moved
 from mien.tracking.state import Status, pack, unpack
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, face, run, small_motion
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(SaragihTracker(), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert errors_of_all_deg(estimates, sequence)[-1] < 4
 
 
 def test_a_black_frame_is_a_lost_frame() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from mien.arrays import Array, Float32
 from mien.baselines.tran2013 import SPARSITY, Codebook, Tran2013Tracker
 from mien.tracking.state import Status
-from small_motion import run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, run, small_motion
 
 
 def _unit(
@@ -44,7 +44,7 @@ def test_a_small_motion_is_recovered() -> None:
     sequence = small_motion()
     estimates = run(Tran2013Tracker(evaluations=300), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
-    assert turn_error_deg(estimates, sequence)[-1] < 4
+    assert errors_of_all_deg(estimates, sequence)[-1] < 4
     assert estimates[-1].animation is None
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from long_motion import errors_deg, gentle_sequence, leaving
+from long_motion import gentle_sequence, leaving
 from mien.config import DescriptorSettings, PaperSettings
 from mien.errors import MienError
 from mien.geometry.rotation import angle_between
@@ -16,7 +16,7 @@ from mien.synthetic import SyntheticSequence
 from mien.tracking import paper
 from mien.tracking.paper import PaperTracker, learn_views
 from mien.tracking.state import Estimate, Status
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_deg, errors_of_all_deg, face, run, small_motion
 
 QUICK = PaperSettings(view_step_deg=30, simplex_evaluations=100)
 
@@ -78,7 +78,7 @@ def test_every_variant_follows_a_small_motion(kernel: str, innovation: str) -> N
         | {"view_step_deg": 30, "simplex_evaluations": 150 if kernel == "opencv" else 500}
     )
     sequence = small_motion()
-    assert turn_error_deg(run(PaperTracker(settings), sequence), sequence)[-1] < 8
+    assert errors_of_all_deg(run(PaperTracker(settings), sequence), sequence)[-1] < 8
 
 
 def test_the_database_has_a_descriptor_of_every_landmark_in_every_view() -> None:

@@ -8,7 +8,7 @@ import pytest
 from mien.frame import Frame
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.scene import Scene, numbered_by_shot
-from small_motion import face, run, small_motion
+from small_motion import begun, run, small_motion
 
 SIZE = (120, 160)
 FACE, RADIUS = np.array([80.0, 60.0]), 30.0
@@ -99,8 +99,8 @@ def test_the_surroundings_of_the_face_that_is_tracked() -> None:
 
 
 def test_a_cut_after_the_first_frame_is_another_scene() -> None:
-    truth, tracker = small_motion(), RealtimeTracker()
-    tracker.initialize(truth.frames[0], face().landmarks, face().camera)
+    truth = small_motion()
+    tracker = begun(truth.frames[0])
     tracker.identity.scene.remember(Frame(np.rot90(truth.frames[1].pixels, 2), 1))
     assert tracker._surroundings(truth.frames[1]) < 0.8
 

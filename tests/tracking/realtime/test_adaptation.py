@@ -18,7 +18,7 @@ from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.adaptation import Adaptation
 from mien.tracking.realtime.person import SPECTACLES, TRACKED
-from small_motion import face, run, turn_error_deg
+from small_motion import errors_of_all_deg, face, run
 
 FIRST = np.array([0.1, -0.2])
 EYES = [i for i, name in enumerate(LANDMARK_NAMES) if "eye" in name and "brow" not in name]
@@ -112,7 +112,7 @@ def _run(sequence: SyntheticSequence, **settings: float) -> tuple[RealtimeTracke
     seen = (distance > 0) & (
         distance**2 <= tracker.settings.recovery.seen_distance
     )  # 0 where they do not face the camera
-    return tracker, turn_error_deg(estimates, sequence), seen
+    return tracker, errors_of_all_deg(estimates, sequence), seen
 
 
 def test_eyes_behind_reflections_are_seen_again() -> None:
@@ -172,7 +172,7 @@ def test_a_face_that_looks_otherwise_when_it_has_turned_is_followed() -> None:
     estimates = run(followed, _unlike_the_first())
     alone = run(RealtimeTracker(RealtimeSettings(adaptation=AdaptationSettings(view_rate=0.0))), _unlike_the_first())
     turned = slice(90, 150)
-    assert turn_error_deg(estimates, _unlike_the_first()).max() < 3
+    assert errors_of_all_deg(estimates, _unlike_the_first()).max() < 3
     sure, unsure = (np.array([e.confidence for e in track]) for track in (estimates, alone))
     assert sure[turned].mean() > 0.5 > unsure[turned].mean()
     assert sure[turned].max() < sure[:10].min()  # what is learned on the way is less certain
@@ -190,10 +190,6 @@ def test_what_comes_before_an_eye_for_a_moment_is_not_learned() -> None:
     place = (round(float(x0)), round(float(y0)), round(float(x1)), round(float(y1)))
     covered = {first + k: place for first in (60, 90, 120) for k in range(2)}
     tracker = RealtimeTracker()
-    for frame in make_sequence(face(), state, noise_sd=1, occluders=covered).frames:
-        if frame.index:
-            tracker.track(frame)
-        else:
-            tracker.initialize(frame, face().landmarks, face().camera)
+    run(tracker, make_sequence(face(), state, noise_sd=1, occluders=covered))
     assert not tracker.person.adaptation.offset(tracker.pose.angles)[eye].any()
     assert tracker.person.spectacles_evidence < SPECTACLES

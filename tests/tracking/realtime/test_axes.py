@@ -19,7 +19,7 @@ from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.axes import HeadAxes
 from mien.tracking.realtime.shape import ShapePosterior
 from mien.tracking.realtime.solution import Pose
-from small_motion import face
+from small_motion import begun, run
 
 SETTINGS = AxesSettings()
 _FIRM_NAMES = [k for k, name in enumerate(LANDMARK_VERTICES) if "nose" in name or "eye_" in name]
@@ -31,9 +31,7 @@ _FIRM = np.array(VERTICES)[_FIRM_NAMES]
 def tracker() -> RealtimeTracker:
     """One that has followed a face to all sides."""
     tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
-    for frame in sequence().frames[1:]:
-        tracker.track(frame)
+    run(tracker, sequence())
     return tracker
 
 
@@ -94,8 +92,7 @@ def test_what_is_told_anew_turns_all_frames_alike(tracker: RealtimeTracker) -> N
 
 def test_the_mesh_stays_on_the_face() -> None:
     """It is drawn where the model is, however far the axes of the head have moved since the first frame."""
-    tracker = RealtimeTracker(RealtimeSettings(axes=AxesSettings(tilt_share=3.0, pan_share=3.0)))
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0], RealtimeSettings(axes=AxesSettings(tilt_share=3.0, pan_share=3.0)))
     apart = []
     for frame in sequence().frames[1:]:
         estimate = tracker.track(frame)

@@ -19,7 +19,7 @@ from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.eyes import closing_of
 from mien.tracking.state import Closing, Estimate, Status
-from small_motion import face, run
+from small_motion import begun, face, run
 
 N = 4
 SEEN = np.ones(N, bool)
@@ -149,8 +149,8 @@ def test_eyes_whose_landmarks_are_shut_say_nothing_of_their_closing() -> None:
 
 
 def test_where_the_face_is_lost_nothing_is_remembered_of_its_eyes() -> None:
-    tracker, (first, second, *_) = RealtimeTracker(), _blinking().frames
-    tracker.initialize(first, face().landmarks, face().camera)
+    first, second, *_ = _blinking().frames
+    tracker = begun(first)
     noise = np.random.default_rng(0).integers(0, 255, second.pixels.shape, dtype=np.uint8)
     assert tracker.closing is not None
     assert tracker.track(Frame(noise, second.index, second.time)).closing is None
@@ -159,8 +159,8 @@ def test_where_the_face_is_lost_nothing_is_remembered_of_its_eyes() -> None:
 
 def test_closing_eyes_are_not_seen_however_the_rest_of_the_face_looks() -> None:
     """As where a grin makes the face look strange, so that they are tracked all the same."""
-    tracker, (first, second, *_) = RealtimeTracker(), _blinking().frames
-    tracker.initialize(first, face().landmarks, face().camera)
+    first, second, *_ = _blinking().frames
+    tracker = begun(first)
     _, solution = tracker._search(second)
     eyes = [LANDMARK_NAMES.index(f"{side}_{part}") for side in ("right", "left") for part in EYE]
     for closing, seen in ((Closing(0.1, 0.1), True), (Closing(0.9, 0.1), False)):

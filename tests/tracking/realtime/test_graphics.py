@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from long_motion import errors_deg, sequence, shown
+from long_motion import sequence, shown
 from mien.arrays import Array
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
@@ -16,7 +16,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES, place_of
 from mien.synthetic import SyntheticSequence
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
-from small_motion import face
+from small_motion import errors_deg, face
 
 BROWS = [k for k, name in enumerate(LANDMARK_NAMES) if "brow" in name]
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mien.synthetic import make_sequence, moved
-from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.identity import Identity, _is_same, _updated, familiarity
-from small_motion import face
+from small_motion import begun, face
 
 
 def test_a_stranger_differs_everywhere_and_a_grimace_in_places() -> None:
@@ -83,9 +82,8 @@ def test_a_known_face_is_known_again_after_a_single_frame_of_something_else(
     surroundings: float, known: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Unless its surroundings have changed. It does not look as in the first frame, so that familiarity cannot tell."""
-    tracker = RealtimeTracker()
     first = make_sequence(face(), moved(face(), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6)))).frames[0]
-    tracker.initialize(first, face().landmarks, face().camera)
+    tracker = begun(first)
     monkeypatch.setattr("mien.tracking.realtime.tracker.familiarity", lambda *of: 0.0)
     for _ in range(14):
         tracker.track(first)

@@ -20,7 +20,7 @@ from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.motion import Motion, extract_patches
 from mien.tracking.realtime.person import TRACKED
 from mien.tracking.realtime.solution import Pose, Prediction, View
-from small_motion import face, run
+from small_motion import begun, face, run
 
 STEP_DEG, STEP = np.array([1.5, -2.0, 1.0]), np.array([0.02, -0.01, 0.0])
 
@@ -34,8 +34,7 @@ def two_frames() -> SyntheticSequence:
 
 @pytest.fixture(scope="module")
 def tracker() -> RealtimeTracker:
-    tracker = RealtimeTracker()
-    tracker.initialize(two_frames().frames[0], face().landmarks, face().camera)
+    tracker = begun(two_frames().frames[0])
     return tracker
 
 
@@ -85,8 +84,7 @@ def test_a_mouth_that_widens_at_once_is_measured(step: float) -> None:
     animation = np.zeros((2, 6))
     animation[1, TRACKED_UNITS.index("lip_stretcher")] = step
     frames = make_sequence(face(), moved(face(), np.zeros((2, 3)), np.zeros((2, 3)), animation)).frames
-    tracker = RealtimeTracker()
-    tracker.initialize(frames[0], face().landmarks, face().camera)
+    tracker = begun(frames[0])
     found = _measured(tracker, frames[1])
     widened = (found.animation - tracker.pose.animation) / step
     wide = np.array([unit == "lip_stretcher" for unit in TRACKED_UNITS])
@@ -169,8 +167,7 @@ def test_a_face_is_the_same_in_the_next_frame_and_another_picture_is_not(next_fr
     turned = Frame(np.ascontiguousarray(next_frame.pixels[::-1]), next_frame.index, next_frame.time)
     agreements = []
     for frame in (next_frame, noisy, turned):
-        tracker = RealtimeTracker()
-        tracker.initialize(first, face().landmarks, face().camera)
+        tracker = begun(first)
         view, solution = tracker.solver.refine(next_frame, tracker.prior.prediction(tracker.pose, tracker.pose))
         tracker.pose = solution.pose
         seen = tracker.solver.view(tracker.face.fine, frame, solution.pose)

@@ -14,7 +14,7 @@ from mien.errors import MienError
 from mien.initialization.fit import fit_first_frame
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Status
-from small_motion import face, run, small_motion, turn_error_deg
+from small_motion import errors_of_all_deg, face, run, small_motion
 
 
 def test_a_model_from_a_file_fits_and_tracks(tmp_path: Path) -> None:
@@ -26,7 +26,7 @@ def test_a_model_from_a_file_fits_and_tracks(tmp_path: Path) -> None:
     sequence = small_motion()
     estimates = run(RealtimeTracker(model=model), sequence)
     assert [e.status for e in estimates[1:]] == [Status.TRACKED] * (len(estimates) - 1)
-    assert turn_error_deg(estimates, sequence)[-1] < 2
+    assert errors_of_all_deg(estimates, sequence)[-1] < 2
 
 
 def test_another_shape_gives_another_fit() -> None:

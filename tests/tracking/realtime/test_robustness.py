@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from long_motion import NOISE_SD, errors_deg, in_order, leaving, sequence, shown, states
+from long_motion import NOISE_SD, in_order, leaving, sequence, shown, states
 from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
 from mien.config.realtime import RecoverySettings, WeightSettings
@@ -23,7 +23,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Status
-from small_motion import face, run, seen_by_turned, with_border
+from small_motion import begun, errors_deg, face, run, seen_by_turned, with_border
 
 CLOSE_DEG = 4.5
 """What counts as followed: the undisturbed sequence stays below three degrees."""
@@ -143,8 +143,7 @@ def test_a_face_that_stays_away_is_looked_for_less_thoroughly(monkeypatch: pytes
         return iter(())
 
     monkeypatch.setattr("mien.tracking.realtime.recovery.find_by_detector", by_detector)
-    tracker = RealtimeTracker(RealtimeSettings(recovery=RecoverySettings(interval=2, patience=10)))
-    tracker.initialize(frames[0], face().landmarks, face().camera)
+    tracker = begun(frames[0], RealtimeSettings(recovery=RecoverySettings(interval=2, patience=10)))
     monkeypatch.setattr(tracker.recovery.keyframes, "find", lambda frame, _: known.append(frame.index))
     rng = np.random.default_rng(0)
     for k in range(24):  # the first frame that is lost has index 0
@@ -157,8 +156,7 @@ def _known(agreement: float | None, monkeypatch: pytest.MonkeyPatch) -> list[flo
     """How far it is known whose face it is, after each frame, where three are black; agreement: of the face that is
     there then with the one before, as it is if None."""
     truth = _changed(lambda image: 0 * image, range(10, 13))
-    tracker, known = RealtimeTracker(), []
-    tracker.initialize(truth.frames[0], face().landmarks, face().camera)
+    tracker, known = begun(truth.frames[0]), []
     for frame in truth.frames[1:]:
         if frame.index == 13 and agreement is not None:
             with monkeypatch.context() as patch:
@@ -261,8 +259,7 @@ def test_a_picture_that_becomes_worse_is_not_taken_for_another_face() -> None:
     rng, misfits = np.random.default_rng(1), {}
     noisy = [_rounded(frame.pixels + rng.normal(0, 35, frame.pixels.shape)) for frame in frames[120:]]
     for rate in (0.0, RealtimeSettings().weights.quality_rate):
-        tracker = RealtimeTracker(RealtimeSettings(weights=WeightSettings(quality_rate=rate)))
-        tracker.initialize(frames[0], face().landmarks, face().camera)
+        tracker = begun(frames[0], RealtimeSettings(weights=WeightSettings(quality_rate=rate)))
         for frame in frames[1:120]:
             tracker.track(frame)
         before = np.median(tracker.person.expected)

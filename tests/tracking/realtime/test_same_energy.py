@@ -9,17 +9,16 @@ from long_motion import sequence
 from mien.arrays import Array
 from mien.tracking.optimizers import Simplex
 from mien.tracking.prior import state_sd
-from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.posterior import LevenbergMarquardt, PosePosterior
 from mien.tracking.state import pack
-from small_motion import face
+from small_motion import begun
 
 
 @pytest.fixture(scope="module")
 def problem() -> tuple[PosePosterior, Array]:
     """The posterior of a frame and the state of the frame before it."""
-    tracker, frames = RealtimeTracker(), sequence().frames
-    tracker.initialize(frames[0], face().landmarks, face().camera)
+    frames = sequence().frames
+    tracker = begun(frames[0])
     for frame in frames[1:4]:
         tracker.track(frame)
     pose = tracker.pose

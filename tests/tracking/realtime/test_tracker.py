@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -11,7 +11,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from long_motion import errors_deg, gentle_sequence, in_order, sequence, shown, with_spectacles
+from long_motion import gentle_sequence, in_order, sequence, shown, with_spectacles
 from mien.appearance.regression import PoseRegression
 from mien.arrays import Array
 from mien.baselines.la_cascia import LaCasciaTracker
@@ -32,7 +32,7 @@ from mien.tracking.realtime import RealtimeTracker, learning, person
 from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
-from small_motion import face, run, small_motion
+from small_motion import begun, errors_deg, face, run, small_motion
 from videos import portrait_images, turn_by_metadata, write_video
 
 
@@ -94,8 +94,7 @@ def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None
 
 def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
     def learned(light_contrast: float) -> PoseRegression:
-        tracker = RealtimeTracker(RealtimeSettings(views=ViewSettings(light_contrast=light_contrast)))
-        tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+        tracker = begun(sequence().frames[0], RealtimeSettings(views=ViewSettings(light_contrast=light_contrast)))
         return tracker.face.fine.appearance
 
     dark, lit = learned(0.0), learned(0.6)
@@ -106,8 +105,7 @@ def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
 
 def test_what_the_nose_hides_is_hidden() -> None:
     """Of a face that turns away the inner corner of the further eye, and nothing from the front."""
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     depth, right, left = (
         tracker.settings.visibility.hidden_depth,
         *(LANDMARK_NAMES.index(f"{side}_eye_inner_corner") for side in ("right", "left")),
@@ -120,8 +118,7 @@ def test_what_the_nose_hides_is_hidden() -> None:
 
 
 def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     level = tracker.face.fine
     tilts, pans = level.views
     views = level.appearance.lack_of_fit.reshape(len(tilts), len(pans), -1)
@@ -132,8 +129,7 @@ def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
 
 
 def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     front, limit = tracker.face.fine, np.radians(tracker.settings.views.turned_limit_pan_deg)
     for frame in sequence().frames[1:5]:
         tracker.track(frame)
@@ -148,8 +144,7 @@ def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
 
 
 def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     lack_of_fit, frame = tracker.face.fine.appearance.lack_of_fit, sequence().frames[1]
     lack_of_fit[:] = 0
     _, sure = tracker._search(frame)
@@ -179,9 +174,8 @@ def test_a_face_is_learned_alike_wherever_the_frame_has_it() -> None:
 
 
 def test_a_landmark_that_is_found_elsewhere_says_less() -> None:
-    tracker = RealtimeTracker(RealtimeSettings(shape=ShapeSettings(learn=False)))
     frames = sequence().frames[:8]
-    tracker.initialize(frames[0], face().landmarks, face().camera)
+    tracker = begun(frames[0], RealtimeSettings(shape=ShapeSettings(learn=False)))
     misplaced = LANDMARK_NAMES.index("nose_base_mid")
     tracker.person.neutral[misplaced, 0] += 0.02
     for frame in frames[1:]:
@@ -213,8 +207,7 @@ def test_a_second_pass_knows_the_relief() -> None:
 
 
 def test_what_an_expression_moves_says_less() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     level = tracker.face.fine
     rest = tracker.person.misplacement_variance(level, tracker.pose.animation)
     raised = tracker.pose.animation.copy()
@@ -232,8 +225,7 @@ def test_what_an_expression_moves_says_less() -> None:
 def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
     """So many times as firm at rest, half of that at `rest.within`, and next to nothing of it further away."""
     rest = RestSettings(animation=0.5, mouth=1.0, firmness=20.0, mouth_firmness=50.0, jaw_firmness=40.0, within=0.1)
-    tracker = RealtimeTracker(RealtimeSettings(rest=rest))
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0], RealtimeSettings(rest=rest))
     moved_by = np.array([0.0, 0.0, 0.1, -0.1, 1.0, 0.3])
     tracker.pose = replace(tracker.pose, animation=tracker.fit.animation + moved_by)
     prior = tracker.prior.arrays(tracker.prior.prediction(tracker.pose, tracker.pose))
@@ -245,9 +237,8 @@ def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
 def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
     """As long as nothing is before it: a landmark elsewhere that looks as strange says nothing, and neither says whose
     face it is."""
-    tracker = RealtimeTracker()
     frame = sequence().frames[0]
-    tracker.initialize(frame, face().landmarks, face().camera)
+    tracker = begun(frame)
     view, found = tracker._search(frame)
     strange = replace(
         found,
@@ -266,9 +257,8 @@ def test_a_mouth_that_looks_strange_still_says_how_it_moves() -> None:
 
 def test_a_mouth_that_was_lost_is_found_at_rest() -> None:
     """Where something took it along and has gone: too far from its place for the solver, as if by a hand."""
-    tracker = RealtimeTracker()
     frame = sequence().frames[0]
-    tracker.initialize(frame, face().landmarks, face().camera)
+    tracker = begun(frame)
     rest = tracker.pose.animation
     taken = rest.copy()
     taken[TRACKED_UNITS.index("upper_lip_raiser")] += 1.4
@@ -279,8 +269,7 @@ def test_a_mouth_that_was_lost_is_found_at_rest() -> None:
 
 
 def test_patches_are_small_at_the_corners_of_the_mouth() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     across = np.ptp(tracker.face.patches[:, :, 0], axis=1)
     corners = np.array(["mouth_corner" in name for name in person.TRACKED])
     assert across[corners] == pytest.approx(2 * tracker.settings.motion.corner, rel=0.25)
@@ -293,9 +282,9 @@ def test_what_noise_adds_to_distances_is_known() -> None:
     clean, noisy = (make_sequence(face(), at_rest, noise_sd=sd) for sd in (0, 80))
 
     def distances(sequence: SyntheticSequence, least: float) -> tuple[Array, Array]:
-        tracker, found = RealtimeTracker(), list[Solution]()
+        found = list[Solution]()
         with patch.object(learning, "_LEAST_NOISE", least):
-            tracker.initialize(sequence.frames[0], face().landmarks, face().camera)
+            tracker = begun(sequence.frames[0])
         for frame in sequence.frames[1:]:
             found.append(tracker.solver.refine(frame, tracker.prior.prediction(tracker.pose, tracker.pose))[1])
         return np.mean([s.d2 for s in found], axis=0), np.mean([s.d2_without_noise for s in found], axis=0)
@@ -310,17 +299,15 @@ def test_what_noise_adds_to_distances_is_known() -> None:
 
 def test_a_face_that_holds_still_is_not_trusted_less_and_less() -> None:
     """The same frame, over and over, fits ever better; the scale of the robust weights stays above its floor."""
-    tracker = RealtimeTracker(RealtimeSettings(weights=WeightSettings(expectation_rate=0.3)))
     frame = sequence().frames[0]
-    tracker.initialize(frame, face().landmarks, face().camera)
+    tracker = begun(frame, RealtimeSettings(weights=WeightSettings(expectation_rate=0.3)))
     for _ in range(20):
         tracker.track(frame)
     assert tracker.person.expected.min() == tracker.settings.weights.least_distance
 
 
 def test_misplacement_solves_each_landmark_alone() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     _, solution = tracker.solver.refine(sequence().frames[1], tracker.prior.prediction(tracker.pose, tracker.pose))
     seen = solution.facing
     expected = -np.linalg.solve(solution.at.M[seen, :2, :2], solution.at.g[seen, :2, None])[:, :, 0]
@@ -474,8 +461,7 @@ def test_landmarks_of_another_video_are_refused() -> None:
 
 
 def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
-    tracker = RealtimeTracker()
-    tracker.initialize(sequence().frames[0], face().landmarks, face().camera)
+    tracker = begun(sequence().frames[0])
     predicted = tracker.pose
     _, found = tracker.solver.refine(sequence().frames[3], tracker.prior.prediction(tracker.pose, tracker.pose))
     assert found.seen(tracker.settings.recovery.seen_distance)[1] > tracker.settings.hold.share
@@ -499,15 +485,17 @@ def test_of_what_a_video_decodes_the_luma_is_enough(
     path = write_video(tmp_path / "portrait.mp4", images, codec="libx264", pix_fmt="yuv420p", options={"crf": "10"})
     if rotated:
         turn_by_metadata(path)
-    frames = list(open_video(path))
-    found = []
-    for shown_as in ([Frame(f.pixels, f.index, f.time) for f in frames], list(open_video(path))):
-        tracker = RealtimeTracker()
-        tracker.initialize(shown_as[0], face().landmarks, face().camera)
-        found.append([tracker.track(frame).euler for frame in shown_as[1:]])
-        monkeypatch.delattr(Decoded, "rgb", raising=False)
-    np.testing.assert_allclose(np.degrees(found[1]), np.degrees(found[0]), atol=0.1)
-    assert np.ptp(np.degrees(found[1])[:, 1]) > 3
+
+    def angles_deg(frames: Iterable[Frame]) -> Array:
+        first, *later = frames
+        tracker = begun(first)
+        return np.degrees([np.asarray(tracker.track(frame).euler) for frame in later])
+
+    of_colours = angles_deg(Frame(f.pixels, f.index, f.time) for f in open_video(path))
+    monkeypatch.delattr(Decoded, "rgb")
+    of_luma = angles_deg(open_video(path))
+    np.testing.assert_allclose(of_luma, of_colours, atol=0.1)
+    assert np.ptp(of_luma[:, 1]) > 3
 
 
 def test_what_is_tracked_beside_the_landmarks_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
