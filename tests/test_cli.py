@@ -30,7 +30,7 @@ from mien.terminal import frames_bar, jobs_bar
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 from small_motion import face
-from videos import Device, portrait_images, portrait_landmarks, turn_by_metadata, write_video
+from videos import Device, portrait_images, portrait_landmarks, turn_by_metadata, write_images, write_video
 
 TABLES = {"out.csv", "out.json", "out.parquet"}
 
@@ -516,9 +516,7 @@ def test_a_file_that_is_read_often_is_complained_of_once(
     mien: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Found in the third image, the face is tracked backwards, forwards, and all of it again."""
-    (tmp_path / "images").mkdir()
-    for index, image in enumerate(portrait_images()):
-        cv2.imwrite(str(tmp_path / "images" / f"{index}.png"), image[..., ::-1])
+    write_images(tmp_path / "images", portrait_images())
     (tmp_path / "images" / "1.png").write_bytes(b"no image")
     _detects(monkeypatch, [replace(face().landmarks, frame_index=2, time=0.08)], at=2)
     result = mien("track", tmp_path / "images", "-o", "out.csv", "--passes", "2")
@@ -636,15 +634,10 @@ def test_camera_file(mien: Command, video: Path, marks: Path, tmp_path: Path) ->
     assert camera == {"focal_px": 400.0, "cx": 160.0, "cy": 120.0, "focal_log_sd": 0.0}
 
 
-# The place for the output
-
-
 def test_the_frame_rate_of_a_folder_is_known_for_another_run(
     mien: Command, refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "images").mkdir()
-    for k, image in enumerate(portrait_images()):
-        cv2.imwrite(str(tmp_path / "images" / f"{k}.png"), image[..., ::-1])
+    write_images(tmp_path / "images", portrait_images())
     asked = ["track", "images", "--landmarks", marks, "-o", "out.csv"]
     for options, fps in (([], None), (["--fps", "50"], 50.0)):
         assert mien(*asked, *options).status == 0
@@ -658,6 +651,19 @@ def test_the_frame_rate_of_a_folder_is_known_for_another_run(
     first = json.loads((tmp_path / "l.json").read_text())
     assert (first["frame"], first["time"]) == (2, 0.04)
     refused(["track", video, "--faces", "2", "--fps", "50"], "in.mkv has times of its own; omit fps")
+
+
+# The place for the output
+
+
+def test_a_picture_among_the_images_of_the_video_is_refused(
+    refused: Callable[..., None], marks: Path, tmp_path: Path
+) -> None:
+    """It would be a frame of the next run, or take the place of one."""
+    write_images(tmp_path / "images", portrait_images())
+    for options in (["track", "--plot", "images/0.png"], ["landmarks", "--plot", "images/x.png"],
+                    ["landmarks", "-o", "images/x.json"]):  # fmt: skip
+        refused([options[0], "images", "--landmarks", marks, *options[1:]], "would become an image of the video images")
 
 
 def test_folder_that_cannot_be_written(refused: Callable[..., None], video: Path, marks: Path, tmp_path: Path) -> None:
@@ -783,21 +789,33 @@ def test_interrupt_before_the_first_frame_writes_nothing(
     assert names(tmp_path) == {video.name, marks.name}
 
 
+def _in_a_process(
+    first: str, before_frame: str, video: Path, marks: Path, folder: Path
+) -> subprocess.CompletedProcess[str]:
+    """`mien track` in a process that executes one line first, and another before each `frame` after the first."""
+    code = f"""
+import os, signal
+{first}
+from mien.cli import main
+from mien.tracking.realtime import RealtimeTracker
+original = RealtimeTracker.track
+def track(self, frame):
+    {before_frame}
+    return original(self, frame)
+RealtimeTracker.track = track
+main()
+"""
+    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
+    environment = os.environ | {"NO_COLOR": "1"}
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Path, number: int) -> None:
     """A whole process, which sends itself the signal before the fourth frame, Ctrl-C also as a background job."""
-    code = (
-        "import os, signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from mien.cli import main\nfrom mien.tracking.realtime import RealtimeTracker\n"
-        "original = RealtimeTracker.track\n"
-        "def track(self, frame):\n"
-        f"    if frame.index == 3: os.kill(os.getpid(), {int(number)})\n"
-        "    return original(self, frame)\n"
-        "RealtimeTracker.track = track\nmain()\n"
-    )
-    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ | {"NO_COLOR": "1"})
+    first = "signal.signal(signal.SIGINT, signal.default_int_handler)"
+    done = _in_a_process(first, f"if frame.index == 3: os.kill(os.getpid(), {int(number)})", video, marks, tmp_path)
     assert done.returncode == 130, done.stderr
     assert "Traceback" not in done.stderr
     assert len(Track.read(tmp_path / "out.csv")) == 3
@@ -806,17 +824,8 @@ def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Pa
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_nohup_keeps_it_going(video: Path, marks: Path, tmp_path: Path) -> None:
     """nohup starts a program with the signal of a closed terminal ignored."""
-    code = (
-        "import os, signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from mien.cli import main\nfrom mien.tracking.realtime import RealtimeTracker\n"
-        "original = RealtimeTracker.track\n"
-        "def track(self, frame):\n"
-        "    os.kill(os.getpid(), signal.SIGHUP)\n"
-        "    return original(self, frame)\n"
-        "RealtimeTracker.track = track\nmain()\n"
-    )
-    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    first = "signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    done = _in_a_process(first, "os.kill(os.getpid(), signal.SIGHUP)", video, marks, tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(Track.read(tmp_path / "out.csv")) == 6
 
@@ -851,15 +860,3 @@ def test_on_a_terminal_messages_have_lines_of_their_own(
         warn("in.mkv: the face is turned")
     lines = [re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", line) for line in capsys.readouterr().err.splitlines()]
     assert "mien: in.mkv: the face is turned" in lines, lines
-
-
-def test_a_picture_among_the_images_of_the_video_is_refused(
-    refused: Callable[..., None], marks: Path, tmp_path: Path
-) -> None:
-    """It would be a frame of the next run, or take the place of one."""
-    (tmp_path / "images").mkdir()
-    for k, image in enumerate(portrait_images()):
-        cv2.imwrite(str(tmp_path / "images" / f"{k}.png"), image[..., ::-1])
-    for options in (["track", "--plot", "images/0.png"], ["landmarks", "--plot", "images/x.png"],
-                    ["landmarks", "-o", "images/x.json"]):  # fmt: skip
-        refused([options[0], "images", "--landmarks", marks, *options[1:]], "would become an image of the video images")

@@ -36,14 +36,19 @@ def test_without_a_folder_that_can_be_written_kernels_are_compiled_all_the_same(
     assert double(4.0) == 8.0
 
 
+def _run(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A module of one's own that is run in a folder, with the kernels that were cached there."""
+    (folder / "own.py").write_text(code)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache")}
+    command = [sys.executable, "own.py"]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=folder)
+
+
 def test_a_kernel_outside_mien_is_compiled_anew_when_it_has_changed(tmp_path: Path) -> None:
     """One of a benchmark, or of a tracker of one's own."""
     text = "from mien.compiled import kernel\n\n@kernel()\ndef added(x):\n    return x + 1\n\nprint(added(1))\n"
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     for code, printed in ((text, "2"), (text, "2"), (text.replace("+ 1", "+ 5"), "6")):
-        (tmp_path / "own.py").write_text(code)
-        command = [sys.executable, "own.py"]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
+        done = _run(code, tmp_path)
         assert done.stdout.strip() == printed, done.stderr
 
 
@@ -64,9 +69,6 @@ def added(x):
 
 print(added(1))
 """
-    (tmp_path / "own.py").write_text(code)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    command = [sys.executable, "own.py"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = _run(code, tmp_path)
     assert done.stdout.strip() == "2", done.stderr
     assert "set NUMBA_CACHE_DIR" in done.stderr

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from pydantic import BaseModel
@@ -35,7 +34,7 @@ from mien.tracking.state import Estimate, Status
 from mien.video import open_video
 from own_trackers import use_tracker
 from small_motion import face
-from videos import portrait_images, write_video
+from videos import portrait_images, write_images, write_video
 
 
 class StillTracker:
@@ -66,11 +65,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> StillTracker:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    folder = tmp_path / "images"
-    folder.mkdir()
-    for index, image in enumerate(portrait_images()):
-        cv2.imwrite(str(folder / f"{index:03}.png"), image[..., ::-1])
-    return folder
+    return write_images(tmp_path / "images", portrait_images())
 
 
 def test_run_gives_each_frame_with_its_estimate(folder: Path) -> None:

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,6 +62,14 @@ def write_video(
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
+
+
+def write_images(folder: Path, images: Iterable[Pixels]) -> Path:
+    """Write images (H, W, 3) into a new folder, named by their numbers."""
+    folder.mkdir()
+    for index, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{index}.png"), image[..., ::-1])
+    return folder
 
 
 class Device:
