@@ -66,31 +66,36 @@ def view(R: Array) -> Array:
     return np.asarray(R.T @ AHEAD)
 
 
+def covariance_of(
+    R: Array = FACING, *, d2: Array = PERFECT, seen: float = 1.0, moved: Array = STILL, first: Reference = FIRST
+) -> Array:
+    """Covariance (12, 12) of a head on the optical axis at R (3, 3); see `state_covariance`."""
+    return state_covariance(SPREAD, d2, seen, R, view(R), moved, first, RELIEF_SD)
+
+
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(
-        state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD), NOISE + ACROSS
-    )
+    np.testing.assert_allclose(covariance_of(), NOISE + ACROSS)
 
 
 def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
     R = rotation(0, 0.5, 0)
-    perfect = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
-    misfit = state_covariance(SPREAD, np.full(26, MISFIT_DISTANCE), 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
+    perfect = covariance_of(R)
+    misfit = covariance_of(R, d2=np.full(26, MISFIT_DISTANCE))
     np.testing.assert_allclose(misfit - perfect, NOISE, atol=1e-15)
 
 
 def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
-    half = state_covariance(SPREAD, PERFECT, 0.5, FACING, view(FACING), STILL, FIRST, RELIEF_SD)
-    whole = state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD)
+    half = covariance_of(seen=0.5)
+    whole = covariance_of()
     np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
-    assert np.isfinite(state_covariance(SPREAD, np.zeros(0), 0.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD)).all()
+    assert np.isfinite(covariance_of(d2=np.zeros(0), seen=0.0)).all()
 
 
 def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() -> None:
     """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before."""
     moved = np.array([0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
-    still = state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), STILL, FIRST, RELIEF_SD)
-    expression = state_covariance(SPREAD, PERFECT, 1.0, FACING, view(FACING), moved, FIRST, RELIEF_SD)
+    still = covariance_of()
+    expression = covariance_of(moved=moved)
     of_brows = np.array([0, 0, 0, 1, 0, 1]) * (0.5 * UNIT_SCALE) ** 2
     np.testing.assert_allclose(expression - still, np.diag([0.0] * 6 + of_brows.tolist()), atol=1e-15)
 
@@ -98,9 +103,9 @@ def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() ->
 @given(head_rotations(), head_rotations())
 def test_it_is_a_covariance_that_the_model_makes_larger(R: Array, R_first: Array) -> None:
     first = Reference(R_first, AHEAD, AXES_SD)
-    covariance = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, first, RELIEF_SD)
+    covariance = covariance_of(R, first=first)
     assert np.linalg.eigvalsh(covariance - NOISE).min() > -1e-12
-    there = state_covariance(SPREAD, PERFECT, 1.0, R_first, view(R_first), STILL, first, RELIEF_SD)
+    there = covariance_of(R_first, first=first)
     across = ACROSS_TURNED_SD**2 * (1 - (view(R) @ view(R_first)) ** 2)
     turned = np.diag([across, across, 0.0] + [0.0] * 6)
     np.testing.assert_allclose(covariance[3:, 3:], there[3:, 3:] + turned, atol=1e-15)
@@ -220,23 +225,17 @@ def test_who_was_known_and_never_left_is_still_believed_to_be_there() -> None:
 
 def test_what_was_learned_out_of_focus_is_less_certain() -> None:
     """Each frame's own error, with the inverse square of the sharpness; what the relief leaves open stays."""
-    R = rotation(0.1, 0.4, 0.0) @ FACING
-    sharp, soft = (
-        state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, replace(FIRST, sharpness=of), RELIEF_SD)
-        for of in (0.6, SHARP / 2)
-    )
-    still = state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, FIRST, RELIEF_SD)
+    R = rotation(0.1, 0.4, 0.0)
+    sharp, soft = (covariance_of(R, first=replace(FIRST, sharpness=of)) for of in (0.6, SHARP / 2))
+    still = covariance_of(R)
     np.testing.assert_array_equal(sharp, still)
     np.testing.assert_allclose(soft - sharp, 15 * NOISE, atol=1e-15)
 
 
 def test_what_was_learned_in_a_coarsely_compressed_picture_is_less_certain() -> None:
     """Each frame's own variance grows with the step to which it was rounded."""
-    R = rotation(0.1, 0.4, 0.0) @ FACING
-    fine, coarse = (
-        state_covariance(SPREAD, PERFECT, 1.0, R, view(R), STILL, replace(FIRST, rounding=step), RELIEF_SD)
-        for step in (0.0, 2 / COARSE)
-    )
+    R = rotation(0.1, 0.4, 0.0)
+    fine, coarse = (covariance_of(R, first=replace(FIRST, rounding=step)) for step in (0.0, 2 / COARSE))
     np.testing.assert_allclose(coarse - fine, 2 * NOISE, atol=1e-15)
 
 
