@@ -1,13 +1,11 @@
-"""Tran and others 2013: sparse residuals, a small motion, a black frame."""
+"""Tran and others 2013: sparse residuals."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mien.arrays import Array, Float32
-from mien.baselines.tran2013 import SPARSITY, Codebook, Tran2013Tracker
-from mien.tracking.state import Status
-from small_motion import errors_of_all_deg, run, small_motion
+from mien.baselines.tran2013 import SPARSITY, Codebook
 
 
 def _unit(
@@ -38,17 +36,3 @@ def test_landmarks_do_not_share_codebooks() -> None:
 def test_a_flat_patch_is_not_represented() -> None:
     patches = _unit(np.random.default_rng(0).normal(size=(1, 3, 20)))
     np.testing.assert_allclose(Codebook(patches).residuals(np.zeros((1, 20), np.float32)), 1)
-
-
-def test_a_small_motion_is_recovered() -> None:
-    sequence = small_motion()
-    estimates = run(Tran2013Tracker(evaluations=300), sequence)
-    assert [e.status for e in estimates[1:]] == [Status.TRACKED] * 3
-    assert errors_of_all_deg(estimates, sequence)[-1] < 4
-    assert estimates[-1].animation is None
-
-
-def test_a_black_frame_is_a_lost_frame() -> None:
-    estimates = run(Tran2013Tracker(evaluations=120), small_motion(blank={2}))
-    assert [e.status for e in estimates[1:]] == [Status.TRACKED, Status.LOST, Status.RECOVERED]
-    assert "looks like the face" in estimates[2].reason
