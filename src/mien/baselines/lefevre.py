@@ -112,6 +112,7 @@ class Appearance:
 
     @classmethod
     def unseen(cls, count: int) -> Appearance:
+        """Of so many points, none of which was seen yet."""
         return cls(
             np.zeros(count, np.float32), np.full(count, INITIAL_SD**2, np.float32), np.zeros(count, dtype=bool)
         )  # fmt: skip
@@ -149,6 +150,7 @@ class StructureAndAppearance:
     prior: GaussianPrior
 
     def patches(self, b: Array) -> Float32:
+        """Patches (26, D) around the projected landmarks of state b."""
         return landmark_patches(self.frame.gray, self.frame.points(self.landmarks, b))
 
     def values(self, b: Array) -> Float32:

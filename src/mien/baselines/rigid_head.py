@@ -39,6 +39,7 @@ class RigidHead:
 
     @classmethod
     def from_first_frame(cls, frame: Frame, fit: FirstFrame, camera: Camera, surface: Surface) -> RigidHead:
+        """Cut the template out of the first frame, in which the head is fitted."""
         small, scale = _shrunk(frame, camera, fit)
         (u, v), _ = camera.project(fit.t)
         half = np.array(PATCH_UNITS) * camera.focal_px / fit.t[2] * scale

@@ -77,6 +77,7 @@ class SparseEnergy:
     codebook: Codebook
 
     def residuals(self, pose: Array) -> Float32:
+        """Squared residuals (26,) of the patches around the projected landmarks; see `Codebook.residuals`."""
         p = self.frame.points(self.landmarks, np.concatenate([pose, self.animation]))
         return self.codebook.residuals(read_patches(self.frame.gray, p, PATCH_SIZE, PATCH_STEP))
 

@@ -124,6 +124,7 @@ def _relative_distance(a: Landmarks, b: Landmarks) -> float:
 
 
 def landmarks_of(frame: Frame, face: Array, disagreement: float | None = None) -> Landmarks:
+    """The landmarks of a detected face, points (n, 3) in pixels and depth; disagreement: see `Landmarks`."""
     scheme, source = f"mediapipe{len(face)}", "detected face"
     return Landmarks(face[:, :2], scheme, face[:, 2], frame.index, frame.time, source, disagreement)
 

@@ -214,7 +214,8 @@ class _Problem:
         R: Array,
         distance: float,
     ) -> None:
-        """sight: (3,) along which the depths are."""
+        """vertices: (n,) that are seen at points (n, 2), pixels, with depths (n,), pixels, along sight (3,); R: (3, 3)
+        and distance, CANDIDE units, are those of the beginning."""
         self.camera, self.points, self.depths, self.R = camera, points, depths, R
         self.sight = sight
         self.mean = prior.mean[vertices]
@@ -246,6 +247,7 @@ class _Problem:
         return self.camera.project(self.camera_points(x)[0])[0]
 
     def residuals(self, x: Array) -> Array:
+        """Residuals (k,) at x (size,): those of the measurements, and then of the prior of animation and shape."""
         X, _ = self.camera_points(x)
         p = self.camera.project(X)[0]
         r = [((p - self.points) / (LANDMARK_SD * self.pixels_per_unit)).ravel()]
@@ -255,6 +257,7 @@ class _Problem:
         return np.concatenate(r)
 
     def jacobian(self, x: Array) -> Array:
+        """Derivatives (k, size) of the residuals."""
         X, rotated = self.camera_points(x)
         R = exp(x[:3]) @ self.R
         n = len(X)

@@ -56,8 +56,9 @@ def face_mesh(faces: int, static: bool) -> Any:
     return mesh
 
 
-def read_faces(mesh: Any, pixels: Any) -> list[Array]:
-    """Points (478, 3) in pixels of every face; the third is depth relative to the head's centre."""
+def read_faces(mesh: Any, pixels: Pixels) -> list[Array]:
+    """Points (478, 3) in pixels of every face of an image (H, W, 3), RGB; the third is depth relative to the head's
+    centre."""
     height, width = pixels.shape[:2]
     answer = mesh.process(np.ascontiguousarray(pixels)).multi_face_landmarks or []
     # Its pixel coordinates have their origin at the centre of the first pixel: if half a pixel is subtracted, as for an

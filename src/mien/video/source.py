@@ -23,9 +23,9 @@ from mien.video.given import CameraDevice, GivenFrames
 class Video(Protocol):
     """A source of frames; each iteration begins with the first, if it is repeatable.
 
-    path: the file or folder, None if there is none; repeatable: whether frames can be read again, and not only once;
-    fps: mean frames per second; begin: time in seconds of the first frame, as far as it is known beforehand;
-    frame_count: expected number of frames, None if unknown.
+    name: in messages; path: the file or folder, None if there is none; repeatable: whether frames can be read again,
+    and not only once; fps: mean frames per second; begin: time in seconds of the first frame, as far as it is known
+    beforehand; frame_count: expected number of frames, None if unknown.
     """
 
     @property

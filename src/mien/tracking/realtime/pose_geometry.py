@@ -1,8 +1,7 @@
 """Poses and projections, compiled: rotations, the landmarks of a face at a pose, and their points in crop and image.
 
 Kernels take arrays, grouped in tuples: `pose`, `person` and `view` are `PoseArrays`, `PersonArrays` and `ViewArrays`. A
-pose step is `[w, t, a]`: a rotation vector in camera axes applied
-on the left, a translation, animation units.
+pose step is `[w, t, a]`: a rotation vector in camera axes, applied on the left, a translation, animation units.
 """
 
 from __future__ import annotations
