@@ -137,6 +137,7 @@ BROKEN = {
     "words.json": (_json(points=[["a", "b"]] * 68), "needs `scheme` and `points`"),
     "count.json": (_json(points=POINTS[:60].tolist()), "ibug68 needs 68 points"),
     "scheme.json": (_json(scheme="ibug51"), "unknown scheme 'ibug51'"),
+    "schemes.json": (_json(scheme=["ibug68"]), "unknown scheme"),
     "nan.json": (_json(points=[[float("nan"), 1.0]] * 68), "not a finite number"),
     "null.json": (_json(points=[[None, 1.0]] * 68), "not a finite number"),
     "depths.json": (_json(depths=[1.0, 2.0]), "`depths` must have one finite number per point"),

@@ -83,6 +83,8 @@ def test_bad_values_are_refused() -> None:
     points[3, 1] = np.nan
     with pytest.raises(MienError, match=r"face\.json: .*finite"):
         Landmarks(points, "candide26", source="face.json")
+    with pytest.raises(MienError, match=r"face\.json: its frame has the time -inf s"):
+        Landmarks(np.zeros((26, 2)), "candide26", time=-np.inf, source="face.json")
 
 
 @pytest.mark.parametrize("depths", [[1.0, 2.0], [float("nan")] * 26, ["deep"] * 26])

@@ -171,7 +171,7 @@ class Landmarks:
                     object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
                 except (TypeError, ValueError) as error:
                     raise MienError(f"{self.source}: the {name} are not numbers ({error})") from error
-        require(self.scheme in _SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
+        require(self.scheme in SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
         count = _SCHEMES[self.scheme][0]
         require(
             np.shape(self.points) == (count, 2),
@@ -185,6 +185,7 @@ class Landmarks:
             self.depths is None or (self.depths.shape == (count,) and bool(np.isfinite(self.depths).all())),
             f"{self.source}: `depths` must have one finite number per point; correct or remove it",
         )
+        require(math.isfinite(self.time), f"{self.source}: its frame has the time {self.time:g} s; give it in seconds")
 
     def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:
         """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) if known."""
