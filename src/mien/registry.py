@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 import sys
 from collections.abc import Iterator, Mapping
@@ -123,7 +124,13 @@ def _fault(estimate: Estimate) -> str | None:
         return f"the status {estimate.status!r}, which is no mien.Status"
     if not (isinstance(estimate.confidence, Real) and 0 <= estimate.confidence <= 1):
         return f"the confidence {estimate.confidence!r}, which is not between 0 and 1"
-    if estimate.rotation is not None and not is_rotation(estimate.rotation):
+    if not (isinstance(estimate.time, Real) and math.isfinite(estimate.time)):
+        return f"the time {estimate.time!r}, which is not that of the frame"
+    if not (isinstance(estimate.mm_per_unit, Real) and 0 < estimate.mm_per_unit < math.inf):
+        return f"{estimate.mm_per_unit!r} millimetres per unit, which is no positive number"
+    if not isinstance(estimate.reason, str):
+        return f"the reason {estimate.reason!r}, which is no text"
+    if not all(R is None or is_rotation(R) for R in (estimate.rotation, estimate.model_rotation)):
         return "something that is not a rotation matrix (3, 3)"
     if estimate.rotation is not None and estimate.status is Status.LOST:
         return "a rotation that belongs to a lost frame"

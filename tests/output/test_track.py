@@ -80,6 +80,8 @@ def test_estimates_of_a_stream_keep_their_landmarks_and_lengths(track: Track, tm
     np.testing.assert_allclose(first.translation, [0.5, -0.25, 10.0])
     np.testing.assert_allclose(first.landmarks.image, np.arange(6.0).reshape(3, 2))
     assert Track.from_estimates([estimate(0)], {"mm_per_unit": 2.0}).metadata["mm_per_unit"] == 2.0
+    Track.from_estimates([replace(estimate(0), mm_per_unit=np.float32(90))]).save(tmp_path / "out.csv")
+    assert Track.read(tmp_path / "out.csv").metadata["mm_per_unit"] == 90.0
 
 
 def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:

@@ -64,7 +64,7 @@ class Recorder:
         R = estimate.model_rotation
         self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
         if estimate.status.success:
-            self.mm_per_unit = estimate.mm_per_unit
+            self.mm_per_unit = float(estimate.mm_per_unit)  # as JSON takes it
         self.count += 1
         self.last_index = estimate.index
         if len(self._buffer) >= BATCH:
