@@ -14,23 +14,20 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from shared.command_line import carry_out, parser_of, print_heads
-from shared.runs import Run, prepare, rotations_of, scored, track
+from shared.runs import Run, prepare, scored, track, wrong_share
 
 from mien.arrays import Array, Pixels
 from mien.errors import require
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.scores import Score, pooled_errors
 from mien.frame import Frame
-from mien.geometry.rotation import angle_between
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import place_of
 from mien.registry import create_tracker
 from mien.start.footage import Footage
 from mien.start.search import best_look
-from mien.tracking.state import Estimate
 from mien.video import open_video
 
-BELIEVED, WRONG_DEG = 0.5, 5.0
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 Drawing = Callable[[Pixels, Array, float, float], None]
 
@@ -117,15 +114,7 @@ def rows(run: Run) -> Iterator[Row]:
 
 def _row(graphics: str, tracker: str, run: Run) -> Row:
     estimates = track(create_tracker(tracker.split(",")[0]), run)
-    return Row(graphics, tracker, scored(estimates, run), _wrong_share(estimates, run))
-
-
-def _wrong_share(estimates: list[Estimate], run: Run) -> float:
-    """Share of the estimates that are believed and wrong."""
-    R, true = rotations_of(estimates), run.truth.rotations
-    assert true is not None, "a rendered sequence has rotations"
-    wrong = np.degrees(angle_between(R[0].T @ R, true[0].T @ true)) > WRONG_DEG  # never of NaN, where it is lost
-    return float(np.mean(wrong & (np.array([e.confidence for e in estimates]) > BELIEVED)))
+    return Row(graphics, tracker, scored(estimates, run), wrong_share(estimates, run))
 
 
 def main() -> None:

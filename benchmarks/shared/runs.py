@@ -18,12 +18,14 @@ from mien.evaluation.results import SequenceResult, TrackTable
 from mien.evaluation.scores import Score, Scores
 from mien.evaluation.tables import Table
 from mien.frame import Frame
+from mien.geometry.rotation import angle_between
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate, Tracker
 from mien.video import open_video
 
+BELIEVED, WRONG_DEG = 0.5, 5.0
 KINDS = ("uniform", "expression", "light", "occluded", "wide")
 
 
@@ -75,6 +77,14 @@ def scored(estimates: list[Estimate], run: Run, name: str = "") -> Score:
     sequence, table = run.sequence, TrackTable.from_estimates(estimates)
     result = SequenceResult(name, "rendered", sequence.name, sequence.kind, track=table, truth=run.truth)
     return Score(result, Protocol.REBASED, DEFAULT_LOST_DEG)
+
+
+def wrong_share(estimates: list[Estimate], run: Run) -> float:
+    """Share of the estimates that are believed, at a confidence above `BELIEVED`, and off by more than `WRONG_DEG`."""
+    R, true = rotations_of(estimates), run.truth.rotations
+    assert true is not None, "a rendered sequence has rotations"
+    wrong = np.degrees(angle_between(R[0].T @ R, true[0].T @ true)) > WRONG_DEG  # never of NaN, where it is lost
+    return float(np.mean(wrong & (np.array([e.confidence for e in estimates]) > BELIEVED)))
 
 
 def print_tables(scores: Iterable[Score], tables: Iterable[Callable[[Scores], Table]]) -> None:
