@@ -192,6 +192,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "no robust weights": _set("weights", robust_factor=1e9),
     "no visibility by normals": _set("visibility", hidden_cosine=-1),
     "no visibility by what of the face is before": _set("visibility", hidden_depth=1e9),
+    "what lies on the face takes part": _set("visibility", least_covered=99),
     "motion not measured": Unmoved,
     "no prediction": _set("prior", velocity=0),
     "last pose counts for nothing where little is seen": _set("hold", share=0),
