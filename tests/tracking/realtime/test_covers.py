@@ -11,6 +11,8 @@ from mien.tracking.realtime.covers import Covers
 
 ALL = np.ones(10, dtype=bool)
 IN_A_ROW = np.stack([0.2 * np.arange(10.0), np.zeros(10), np.zeros(10)], axis=1)
+CAME, STAYED = np.full(10, 0.4), np.full(10, 0.98)
+"""Agreements of patches that something has come before, and of others."""
 HALF = np.array([300.0] * 5 + [3.0] * 5)
 """Squared distances of a row whose first half is covered."""
 
@@ -22,7 +24,7 @@ def _covers(eyes: Mask | None = None) -> Covers:
 def _after(*frames: Array, turned: bool = False) -> list[int]:
     covers = _covers()
     for d2 in frames:
-        covers.update(d2, ALL, turned)
+        covers.update(d2, ALL, CAME, turned)
     return list(np.flatnonzero(covers.covered))
 
 
@@ -47,6 +49,15 @@ def test_a_face_that_looks_strange_as_a_whole_is_not_covered() -> None:
     assert _after(np.linspace(80.0, 300.0, 10)) == []
 
 
+def test_what_becomes_strange_gradually_is_an_expression() -> None:
+    covers = _covers()
+    covers.update(HALF, ALL, STAYED, turned=False)
+    assert not covers.covered.any()
+    covers.update(HALF, ALL, CAME, turned=False)
+    covers.update(HALF, ALL, STAYED, turned=False)
+    assert covers.covered.any(), "what covers it stays"
+
+
 def test_what_was_covered_stays_so_until_it_looks_like_the_face() -> None:
     nearly = np.where(HALF > 100, 60.0, 3.0)
     assert _after(nearly) == []
@@ -58,28 +69,28 @@ def test_in_a_turn_nothing_more_is_covered() -> None:
     """What looks strange there may have become so by the turn."""
     assert _after(HALF, turned=True) == []
     covers = _covers()
-    covers.update(HALF, ALL, turned=False)
-    covers.update(HALF[::-1], ALL, turned=True)
+    covers.update(HALF, ALL, CAME, turned=False)
+    covers.update(HALF[::-1], ALL, CAME, turned=True)
     assert not covers.covered.any()
-    covers.update(HALF, ALL, turned=False)
+    covers.update(HALF, ALL, CAME, turned=False)
     facing = ALL.copy()
     facing[0] = False
-    covers.update(HALF, facing, turned=True)
+    covers.update(HALF, facing, CAME, turned=True)
     assert list(np.flatnonzero(covers.covered)) == [0, 1, 2, 3, 4], "one that is behind the face is not seen to be free"
 
 
 def test_eyes_alone_are_not_covered() -> None:
-    """Spectacles make them look strange."""
+    """They blink."""
     covers = _covers(HALF > 100)
-    covers.update(HALF, ALL, turned=False)
+    covers.update(HALF, ALL, CAME, turned=False)
     assert not covers.covered.any()
 
 
 @pytest.mark.parametrize("facing", [ALL, ~ALL])
 def test_a_lost_face_is_not_covered(facing: Mask) -> None:
     covers = _covers()
-    covers.update(HALF, ALL, turned=False)
+    covers.update(HALF, ALL, CAME, turned=False)
     covers.forget()
     assert not covers.covered.any()
-    covers.update(np.full(10, 3.0), facing, turned=False)
+    covers.update(np.full(10, 3.0), facing, CAME, turned=False)
     assert not covers.covered.any()

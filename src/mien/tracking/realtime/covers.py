@@ -18,6 +18,9 @@ _USUAL, _OF_THE_BEST = 25.0, 2.0
 that of the best quarter of the face, as a whole face may look strange."""
 _COVERED, _STILL_COVERED = 4.0, 2.0
 """The same, as a multiple of it, of a landmark that is covered, and of one that was covered in the last frame."""
+_CAME = 0.85
+"""Agreement of a patch, see `PatchHistory`, below which something has come before it lately: a grin makes half of a
+face look strange, but gradually."""
 _BESIDE = 0.3
 """Distance in CANDIDE units within which landmarks lie beside each other."""
 
@@ -29,24 +32,23 @@ class Covers:
     """
 
     def __init__(self, neutral: Array, eyes: Mask, settings: VisibilitySettings) -> None:
-        """neutral: (n, 3) landmarks at rest; eyes: (n,) which of them are the eyes', as spectacles make these strange
-        by themselves."""
+        """neutral: (n, 3) landmarks at rest; eyes: (n,) which of them are the eyes', which blink."""
         self.settings = settings
         self.beside = np.linalg.norm(neutral[:, None] - neutral, axis=2) < _BESIDE
         self.telling = ~eyes
         self.covered = np.zeros(len(neutral), dtype=bool)
 
-    def update(self, d2: Array, facing: Mask, turned: bool) -> None:
-        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), and whether the
-        face has turned: what looks strange only then may have become so by the turn."""
-        found = self._found(d2, facing)
+    def update(self, d2: Array, facing: Mask, agreement: Array, turned: bool) -> None:
+        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), the agreement
+        (n,) of their patches, and whether the face has turned: what looks strange only then may look so by the turn."""
+        found = self._found(d2, facing, agreement)
         self.covered = self.covered & (found | ~facing) if turned else found
 
-    def _found(self, d2: Array, facing: Mask) -> Mask:
+    def _found(self, d2: Array, facing: Mask, agreement: Array) -> Mask:
         ordered = sorted(d2[facing].tolist())  # for a few numbers faster than NumPy
         usual = max(_USUAL, _OF_THE_BEST * ordered[len(ordered) // 4]) if ordered else _USUAL
         strange = d2 > np.where(self.covered, _STILL_COVERED, _COVERED) * usual
-        covered = facing & self.telling & strange
+        covered = facing & self.telling & strange & (self.covered | (agreement < _CAME))
         if np.count_nonzero(covered) < self.settings.least_covered:
             return np.zeros_like(covered)
         return np.asarray(covered | facing & (d2 > usual) & self.beside[covered].any(axis=0))

@@ -161,9 +161,10 @@ class Person:
         # Some are trusted beyond what is expected.
         np.minimum(self.expected, s.expected_distance, out=self.expected)
 
-    def notice_covers(self, solution: Solution) -> None:
-        """Find which landmarks something on the face covers."""
-        self.covers.update(solution.d2_without_noise, solution.facing, self._has_turned(solution))
+    def notice_covers(self, solution: Solution, agreement: Array) -> None:
+        """Find which landmarks something on the face covers. agreement: (n,) see `PatchHistory`."""
+        turned = self._has_turned(solution)
+        self.covers.update(solution.d2_without_noise, solution.facing, agreement, turned)
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture

@@ -176,12 +176,12 @@ class RealtimeTracker:
             self.closing = self.person.closing(solution)
         elif solution.inlier_share(s.recovery.seen_distance) < s.recovery.least_share:
             return self._lose(frame, view, solution)
-        self.person.notice_covers(solution)
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head keeps moving, an expression does not
         self.pose, self.lost_frames = solution.pose, 0
         familiar = self._familiarity(solution)
         agreements = self._remember(frame, view, solution)
+        self.person.notice_covers(solution, self.identity.patches.agreement)
         if familiar > FAMILIAR:
             if not self.solver.misfits(solution):
                 self._learn(frame, solution)
