@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import shutil
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -36,6 +37,7 @@ COPY = "import shutil, sys; [shutil.copy(sys.argv[1] + e, sys.argv[2] + e) for e
 ALAS = "print('noise'); raise SystemExit('mien: alas')"
 WARNED = "import sys; print('mien: the face is turned', file=sys.stderr); " + COPY
 SLOW = "import os, pathlib, sys, time; pathlib.Path(sys.argv[2] + '.pid').write_text(str(os.getpid())); time.sleep(600)"
+FIND = "import sys; from pathlib import Path; from mien import batch; batch.find_videos([Path(sys.argv[1])], Path('o'))"
 AFTER_SLOW = """
 import pathlib, sys, time
 folder = pathlib.Path(sys.argv[2]).parent / "sub"
@@ -244,6 +246,12 @@ def test_a_pipe_is_no_video(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mp4")
     with pytest.raises(MienError, match=r"pipe.mp4: no such file or folder; .* a pipe"):
         find_videos([tmp_path / "pipe.mp4"], tmp_path / "out")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")
+def test_a_pipe_among_videos_is_not_waited_for(videos: Path, tmp_path: Path) -> None:
+    os.mkfifo(videos / "pipe.mp4")
+    subprocess.run([sys.executable, "-c", FIND, videos], cwd=tmp_path, check=True, timeout=60)
 
 
 def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:

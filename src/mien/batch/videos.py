@@ -144,4 +144,5 @@ def _is_overlay(file: Path) -> bool:
 
     table = file.with_name(f"{file.name.removesuffix(OVERLAY_SUFFIX)}.csv")
     named = file.name.endswith(OVERLAY_SUFFIX) and table.exists()
-    return named or (file.suffix.lower() in OVERLAY_ENDINGS and is_overlay(file))
+    readable = file.suffix.lower() in OVERLAY_ENDINGS and file.is_file()  # a pipe would be waited for without end
+    return named or (readable and is_overlay(file))
