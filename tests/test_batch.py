@@ -495,6 +495,12 @@ def test_each_folder_is_entered_once_also_by_links(videos: Path, tmp_path: Path)
     assert {"elsewhere/d.mp4", "elsewhere/deeper/e.mp4", "videos/sub/c.MOV"} < set(found)
 
 
+def test_a_link_to_a_video_does_not_move_its_table(videos: Path, tmp_path: Path) -> None:
+    before = find_videos([videos], tmp_path / "out")
+    (videos / "0_best.mp4").symlink_to(videos / "sub" / "b.avi")
+    assert find_videos([videos], tmp_path / "out") == before
+
+
 @pytest.mark.parametrize(
     ("file", "content", "changed", "options"),
     [

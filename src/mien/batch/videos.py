@@ -114,7 +114,7 @@ def _folders_of_images(files: Sequence[Path], videos: Iterable[Path]) -> list[Pa
 
 def _files_below(folder: Path) -> list[Path]:
     """All files in a folder and below it, also where links lead, and folders of images that are named like a video; in
-    no hidden folder, and in each folder once. Warns of a folder that cannot be read."""
+    no hidden folder, and in each folder once; links come last. Warns of a folder that cannot be read."""
 
     def report(error: OSError) -> None:
         warn(f"{error.filename} cannot be read ({reason_of(error)}); its videos are not tracked")
@@ -134,7 +134,7 @@ def _files_below(folder: Path) -> list[Path]:
             named = (path for path in paths if path.suffix.lower() in VIDEO_SUFFIXES)
             found += [path for path in named if os.access(path, os.R_OK) and list_images(path)]
             found += [Path(root, name) for name in files]
-    return sorted(found)
+    return sorted(found, key=lambda file: (file.is_symlink(), file))  # a file has its own place, a link to it none
 
 
 def _is_overlay(file: Path) -> bool:
