@@ -603,6 +603,27 @@ def test_what_users_add_to_the_summary_stays(
     assert added == [("a.mp4", "c0", "1,2"), ("d.mp4", "", ""), ("b.avi", "c1", "1,2"), ("c.MOV", "c2", "1,2")]
 
 
+def test_a_video_whose_table_has_another_name_is_one_row_with_what_users_have_added(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    track_all([videos / "sub"], out)
+    text = (out / "summary.csv").read_text(encoding="utf-8")
+    lines = [f"{line},{cell}" for line, cell in zip(text.splitlines(), ("condition", "x", "y"), strict=True)]
+    (out / "summary.csv").write_text("\n".join(lines), encoding="utf-8")
+    (videos / "sub" / "b.mp4").write_bytes(b"")  # converted from the other
+    with pytest.warns(
+        MienWarning, match=r"out.b\.csv is left from an earlier run; the table of .*b\.avi is now b\.avi\.csv"
+    ):
+        track_all([videos / "sub"], out)
+    added = [(Path(row["video"]).name, row["table"], row["condition"]) for row in _summary(out)]
+    assert added == [("b.avi", "b.avi.csv", "x"), ("b.mp4", "b.mp4.csv", ""), ("c.MOV", "c.csv", "y")]
+    (videos / "sub" / "b.mp4").unlink()
+    with pytest.warns(MienWarning, match=r"is now b\.csv"):
+        track_all([videos / "sub"], out)
+    assert [row["condition"] for row in _summary(out)][:2] == ["x", "y"]
+
+
 def test_a_summary_that_a_spreadsheet_has_saved_is_read(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     code["a.mp4"] = WARNED
     summary = tmp_path / "out" / "summary.csv"

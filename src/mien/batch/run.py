@@ -70,6 +70,7 @@ def _track_found(
             found[k] = kept
     for k in waiting:
         summary.require_own(found[k][0])
+    summary.warn_of_other_tables(faces[0] for faces in found)
     summary.write(found)
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []

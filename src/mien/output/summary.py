@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mien.csv_files import opened_csv
-from mien.errors import require
+from mien.errors import require, warn
 from mien.files import exists, real_path, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
@@ -117,11 +117,23 @@ class Summary:
             "folder with -o",
         )
 
+    def warn_of_other_tables(self, rows: Iterable[Row]) -> None:
+        """Warn of tables that the videos of these rows had in earlier runs, and that are not those of the rows, as
+        another video of the same name has come."""
+        now = {known["video"]: known["table"] for known in map(self._values, rows)}
+        for table, (first, *_) in self._left.items():
+            if now.get(first["video"], table) != table and exists(self.path.parent / table):
+                warn(
+                    f"{self.path.parent / table} is left from an earlier run; the table of {first['video']} is now "
+                    f"{now[first['video']]}"
+                )
+
     def write(self, found: Iterable[Sequence[Row]]) -> None:
         """Write the rows of this run, and below them those of other videos."""
         rows = [[self._values(row) for row in faces] for faces in found]
-        tables = {faces[0]["table"] for faces in rows}
-        others = (faces for table, faces in self._left.items() if table not in tables)
+        tables, videos = ({faces[0][name] for faces in rows} for name in ("table", "video"))
+        left = self._left.items()
+        others = (faces for table, faces in left if table not in tables and faces[0]["video"] not in videos)
         names = dict.fromkeys(chain(_OWN, *self._added.values()))
         with whole_file(self.path) as file, file.open("w", **_CSV) as stream:
             writer = csv.DictWriter(stream, list(names))
@@ -129,10 +141,13 @@ class Summary:
             writer.writerows(chain.from_iterable([*rows, *others]))
 
     @cached_property
-    def _added(self) -> dict[str, dict[str, str]]:
-        """The cells of columns that users have added, by the table of their row."""
-        rows = chain.from_iterable(self.earlier.values())
-        return {row["table"]: {name: cell for name, cell in row.items() if name not in _OWN} for row in rows}
+    def _added(self) -> dict[str | tuple[str, str], dict[str, str]]:
+        """The cells of columns that users have added, by the table of their row, and by its video and face, as tables
+        get other names where videos of the same name come."""
+        rows = list(chain.from_iterable(self.earlier.values()))
+        cells = [{name: cell for name, cell in row.items() if name not in _OWN} for row in rows]
+        by_face = {(row["video"], row["face_id"]): added for row, added in zip(rows, cells, strict=True)}
+        return by_face | {row["table"]: added for row, added in zip(rows, cells, strict=True)}
 
     @cached_property
     def _left(self) -> dict[str, Sequence[Mapping[str, str]]]:
@@ -151,8 +166,9 @@ class Summary:
     def _values(self, row: Row) -> dict[str, Any]:
         """A row as it is written: the video as an absolute path, the table as one from the folder of the summary."""
         table = _as_written(row.table.relative_to(self.path.parent).as_posix())
-        known = {"video": _as_written(os.path.abspath(row.video)), "table": table}
-        return vars(row) | known | self._added.get(table, {})
+        video = _as_written(os.path.abspath(row.video))
+        added = self._added.get(table, self._added.get((video, str(row.face_id)), {}))
+        return vars(row) | {"video": video, "table": table} | added
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
