@@ -21,6 +21,7 @@ from mien.frame import Frame
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
 from mien.output import columns
 from mien.output.columns import EYES_CLOSED_SD, ROTATION, sort_columns
+from mien.output.destination import Destination
 from mien.output.recorder import BATCH, Recorder
 from mien.output.track import Track
 from mien.output.track_files import track_paths
@@ -208,6 +209,17 @@ def test_save_takes_the_name_of_any_of_the_three_files() -> None:
     expected = (Path("a/b.csv"), Path("a/b.json"), Path("a/b.parquet"))
     assert track_paths("a/b.csv") == track_paths("a/b.parquet") == track_paths("a/b") == expected
     assert track_paths("run.1")[0] == Path("run.1.csv")
+
+
+def test_a_folder_is_no_name_for_a_table(track: Track, tmp_path: Path) -> None:
+    track.save(tmp_path / "a")
+    (tmp_path / "a").mkdir()
+    for path in (tmp_path / "a", f"{tmp_path}/new/"):
+        with pytest.raises(MienError, match=r"is a folder; give the name of a table, such as .*(a|new)/out\.csv"):
+            track.save(path)
+        with pytest.raises(MienError, match="is a folder; give the name of a table"):
+            Destination.checked(path, None, None, None)
+    assert len(Track.read(tmp_path / "a")) == len(track)  # is no doubt
 
 
 def test_pandas_has_numbers_and_missing_values(track: Track) -> None:

@@ -14,7 +14,14 @@ from typing import Any
 from mien.errors import MienError, require, warn
 from mien.files import checksum, exists, real_path, require_ending, require_writable, size_of
 from mien.output.track import Track
-from mien.output.track_files import GLTF_ENDINGS, PLOT_ENDINGS, is_table_of_track, read_metadata, track_paths
+from mien.output.track_files import (
+    GLTF_ENDINGS,
+    PLOT_ENDINGS,
+    is_table_of_track,
+    paths_to_write,
+    read_metadata,
+    track_paths,
+)
 from mien.video import refuse_among_images
 
 OVERLAY_ENDINGS = (".mp4",)
@@ -41,7 +48,7 @@ class Destination:
     ) -> Destination:
         """Create missing folders, and check that every file can be written, has a known suffix, and overwrites neither
         an input (the paths among `inputs`) nor another output. Raises MienError otherwise."""
-        table = None if save is None else track_paths(save)[0]
+        table = None if save is None else paths_to_write(save)[0]
         others = ((overlay, OVERLAY_ENDINGS), (plot, PLOT_ENDINGS), (gltf, GLTF_ENDINGS))
         self = cls(table, *(None if path is None else require_ending(Path(path), of) for path, of in others))
         self.check(inputs)

@@ -34,6 +34,7 @@ from mien.output.track_files import (
     ENDINGS,
     GLTF_ENDINGS,
     PLOT_ENDINGS,
+    paths_to_write,
     read_metadata,
     read_table,
     track_paths,
@@ -229,9 +230,9 @@ class Track:
     def save(self, path: str | Path) -> tuple[Path, Path, Path]:
         """Write NAME.csv, NAME.json and NAME.parquet, all or none; `path` is NAME or one of the three.
 
-        Raises MienError if they cannot be written.
+        Raises MienError if they cannot be written, or `path` is a folder.
         """
-        paths = csv, settings, parquet = track_paths(path)
+        paths = csv, settings, parquet = paths_to_write(path)
         with ExitStack() as stack:  # files are renamed in reverse order: if the CSV exists, so do the others
             write_csv(self.table, stack.enter_context(whole_file(csv)))
             write_json(self.metadata, stack.enter_context(whole_file(settings)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping
 from csv import Error as CSVError
@@ -37,6 +38,14 @@ def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
     require(bool(name), f"{path} is not the name of a file; give one such as out.csv")
     csv, settings, parquet = (path.with_name(name + ending) for ending in ENDINGS)
     return csv, settings, parquet
+
+
+def paths_to_write(path: str | Path) -> tuple[Path, Path, Path]:
+    """`track_paths`, for writing. Raises MienError for a folder: the files would be beside it, and replaced by those of
+    the next track that is written "to" it."""
+    folder = str(path).endswith(("/", os.sep)) or (Path(path).suffix.lower() not in ENDINGS and Path(path).is_dir())
+    require(not folder, f"{path} is a folder; give the name of a table, such as {Path(path, 'out.csv')}")
+    return track_paths(path)
 
 
 def is_table_of_track(path: Path) -> bool:
