@@ -20,10 +20,10 @@ def test_without_a_folder_that_can_be_written_kernels_are_compiled_all_the_same(
 ) -> None:
     njit = numba.njit
 
-    def without_cache(**options: Any) -> Any:
-        if options["cache"]:
+    def without_cache(*functions: Any, **options: Any) -> Any:
+        if options.get("cache"):
             raise RuntimeError("cannot cache function: no locator available")
-        return njit(**options)
+        return njit(*functions, **options)  # without options Numba decorates its own
 
     monkeypatch.setattr(numba, "njit", without_cache)
     compiled._warn_without_cache.cache_clear()
@@ -72,3 +72,24 @@ print(added(1))
     done = _run(code, tmp_path)
     assert done.stdout.strip() == "2", done.stderr
     assert "set NUMBA_CACHE_DIR" in done.stderr
+
+
+def test_the_process_that_is_forked_warns_as_the_command_line_does() -> None:
+    code = """
+import numba
+
+njit = numba.njit
+
+def without_cache(**options):
+    if options["cache"]:
+        raise RuntimeError("cannot cache function: no locator available")
+    return njit(**options)
+
+numba.njit = without_cache
+numba.core.dispatcher.Dispatcher.compile = lambda *_: exit()
+import mien.worker
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr.startswith("mien: compiled code cannot be written"), done.stderr
+    assert "MienWarning" not in done.stderr

@@ -7,21 +7,31 @@ Nothing here may start a thread, as threads do not survive a fork; the one of Ar
 from __future__ import annotations
 
 import sys
+import warnings
 from contextlib import suppress
 from importlib import import_module
 
 from mien.cli import main
-from mien.initialization.mediapipe_mesh import import_solution
-from mien.output.columns import import_pandas
-from mien.tracking.realtime import first_run
+from mien.terminal import show_warning
 
-for _module in ("mien.evaluation.job", "mien.faces", "mien.tracking.realtime", "pyarrow.csv", "pyarrow.parquet"):
-    import_module(_module)
-import_pandas()
-for _solution in (("face_mesh", "FaceMesh"), ("face_detection", "FaceDetection")):
-    with suppress(ImportError):
-        import_solution(*_solution)
-first_run.load_cached()
+
+def _preload() -> None:
+    """Import what tracking needs, and load its kernels."""
+    from mien.initialization.mediapipe_mesh import import_solution
+    from mien.output.columns import import_pandas
+    from mien.tracking.realtime import first_run
+
+    for module in ("mien.evaluation.job", "mien.faces", "mien.tracking.realtime", "pyarrow.csv", "pyarrow.parquet"):
+        import_module(module)
+    import_pandas()
+    for solution in (("face_mesh", "FaceMesh"), ("face_detection", "FaceDetection")):
+        with suppress(ImportError):
+            import_solution(*solution)
+    first_run.load_cached()
+
+
+warnings.showwarning = show_warning  # of kernels that cannot be kept is warned where they are imported
+_preload()
 
 
 def run(*arguments: str) -> None:
