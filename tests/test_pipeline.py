@@ -447,9 +447,10 @@ def test_graphics_before_the_face_are_warned_of(
         mien.track(folder, landmarks=replace(face().landmarks, graphics=graphics))
 
 
-def test_landmarks_may_have_numbers_of_numpy(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
+def test_landmarks_and_options_may_have_numbers_of_numpy(tracker: StillTracker, folder: Path, tmp_path: Path) -> None:
     marks = replace(face().landmarks, frame_index=np.int64(0), time=np.float32(0))
-    assert len(mien.track(folder, landmarks=marks, save=tmp_path / "out")) == 6
+    given: dict[str, Any] = {"at_once": np.bool_(True), "end": np.float32(100), "passes": np.int64(1)}
+    assert len(mien.track(folder, landmarks=marks, **given, save=tmp_path / "out")) == 6
 
 
 @pytest.mark.parametrize("stops", [False, True])

@@ -136,7 +136,7 @@ def requested_options(
         "fps": fps,
     }
     plain = {name: value if value is None else float(value) for name, value in numbers.items()}
-    return {"camera": camera, **plain, "at_once": at_once, "face": face and list(face)}
+    return {"camera": camera, **plain, "at_once": bool(at_once), "face": face and list(face)}
 
 
 def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
