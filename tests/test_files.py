@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mien.errors import MienError
@@ -45,6 +47,16 @@ def test_lists_of_numbers_stand_on_one_line_and_strings_stay_as_they_are() -> No
     text = json_text(values)
     assert json.loads(text) == values
     assert "  [1, -2.5e-07],\n" in text
+
+
+def test_what_json_does_not_know_is_told() -> None:
+    for value, why in (
+        (float("nan"), "nan"),
+        (datetime(2024, 2, 29), "type datetime"),
+        (np.float32(1), "type float32"),
+    ):
+        with pytest.raises(MienError, match=rf"cannot be written as JSON \(.*{why}.*\); give text, finite numbers"):
+            json_text({"value": value})
 
 
 def test_checksum_depends_on_contents_and_names(tmp_path: Path) -> None:

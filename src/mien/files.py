@@ -83,8 +83,15 @@ def require_ending(path: Path, endings: tuple[str, ...]) -> Path:
 
 
 def json_text(values: Mapping[str, Any]) -> str:
-    """JSON that is easy to read and edit by hand: indented, each list of numbers on one line. Rejects NaN."""
-    text = json.dumps(dict(values), indent=1, allow_nan=False)
+    """JSON that is easy to read and edit by hand: indented, each list of numbers on one line. Raises MienError for NaN,
+    and for values that JSON does not know."""
+    try:
+        text = json.dumps(dict(values), indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise MienError(
+            f"the values cannot be written as JSON ({error}); give text, finite numbers of Python, and lists and "
+            "dictionaries of these"
+        ) from error
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
 
 

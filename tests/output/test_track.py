@@ -16,7 +16,7 @@ import pytest
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.frame import Frame
 from mien.geometry.rotation import FACING, euler_from_matrix, exp, matrix_from_euler
 from mien.output import columns
@@ -83,6 +83,21 @@ def test_estimates_of_a_stream_keep_their_landmarks_and_lengths(track: Track, tm
     assert Track.from_estimates([estimate(0)], {"mm_per_unit": 2.0}).metadata["mm_per_unit"] == 2.0
     Track.from_estimates([replace(estimate(0), mm_per_unit=np.float32(90))]).save(tmp_path / "out.csv")
     assert Track.read(tmp_path / "out.csv").metadata["mm_per_unit"] == 90.0
+
+
+def test_metadata_that_the_json_cannot_hold_are_told_before_anything_is_recorded() -> None:
+    asked: list[int] = []
+    estimates = (asked.append(index) or estimate(index) for index in range(3))
+    with pytest.raises(MienError, match="cannot be written as JSON"):
+        Track.from_estimates(estimates, {"subject": np.int64(3)})
+    assert not asked
+
+
+def test_estimates_of_several_streams_are_warned_of_once() -> None:
+    with pytest.warns(MienWarning, match="frame 0 comes after frame 1, .* make a track of each stream") as told:
+        track = Track.from_estimates([estimate(index) for index in (0, 1, 0, 1, 0)])
+    assert len(told) == 1
+    assert len(track) == 5
 
 
 def test_header_has_the_names_and_the_order_of_openface_then_ours(track: Track) -> None:
@@ -349,7 +364,7 @@ def test_an_interruption_while_pandas_is_imported_is_not_lost(monkeypatch: pytes
 
 def test_files_appear_all_or_none(track: Track, tmp_path: Path) -> None:
     broken = Track(track.table, {"bad": object()})
-    with pytest.raises(TypeError):
+    with pytest.raises(MienError, match="cannot be written as JSON"):
         broken.save(tmp_path / "out.csv")
     assert list(tmp_path.iterdir()) == []
 

@@ -15,8 +15,8 @@ import pyarrow as pa
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, with_eyes_closed
-from mien.errors import MienError, require
-from mien.files import require_ending, whole_file
+from mien.errors import MienError, require, warn
+from mien.files import json_text, require_ending, whole_file
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.output.columns import (
     ANIMATION_SD,
@@ -62,13 +62,23 @@ class Track:
     @classmethod
     def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
         """The track of these estimates, for example from `mien.stream`. Its metadata include `landmark_names` and
-        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them. It has no `mesh`."""
+        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them. It has no `mesh`. Raises
+        MienError, before the first estimate is asked for, if NAME.json cannot hold the metadata; warns of estimates of
+        several streams."""
+        json_text(metadata or {})
+        anew = False
         with Recorder() as recorder:
             for estimate in estimates:
                 require(
                     isinstance(estimate, Estimate),
                     f"{type(estimate)} is no estimate; mien.stream yields pairs of a frame and its estimate",
                 )
+                if estimate.index <= recorder.last_index and not anew:
+                    anew = True
+                    warn(
+                        f"frame {estimate.index} comes after frame {recorder.last_index}, as where a stream was begun "
+                        "anew; mien.Track.read takes no two rows for one frame: make a track of each stream"
+                    )
                 recorder.add(estimate)
             known = {"landmark_names": list(recorder.landmark_names), "mm_per_unit": recorder.mm_per_unit}
             return cls(recorder.table(), known | dict(metadata or {}))
