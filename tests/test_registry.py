@@ -188,6 +188,7 @@ def test_an_estimate_belongs_to_its_frame() -> None:
         ({"mm_per_unit": float("nan")}, "nan millimetres per unit, which is no positive number"),
         ({"mm_per_unit": None}, "None millimetres per unit"),
         ({"reason": None}, "the reason None, which is no text"),
+        ({"landmarks": TrackedLandmarks((np.int64(3),), np.zeros((1, 2)))}, "the names .*3.*, which are not all text"),  # type: ignore[arg-type]
         ({"landmarks": TrackedLandmarks(("tip",), np.zeros(2))}, r"1 landmarks whose image is no array \(1, 2\)"),
         ({"landmarks": TrackedLandmarks(("tip",), np.zeros((1, 2)), np.zeros((2, 3)))}, "whose camera is no array"),
     ],

@@ -148,6 +148,8 @@ def _fault(estimate: Estimate) -> str | None:
 def _fault_of_landmarks(landmarks: TrackedLandmarks) -> str | None:
     """What of landmarks is not as `TrackedLandmarks` says; None if all is."""
     n = len(landmarks.names)
+    if not all(isinstance(name, str) for name in landmarks.names):
+        return f"landmarks with the names {reprlib.repr(tuple(landmarks.names))}, which are not all text"
     for name, shape in (("image", (n, 2)), ("camera", (n, 3)), ("visibility", (n,))):
         values = getattr(landmarks, name)
         if np.shape(values) != shape and (values is not None or name == "image"):

@@ -339,6 +339,12 @@ def test_recorder_can_give_what_there_is_and_go_on() -> None:
         assert len(recorder.table()) == 2
 
 
+def test_lengths_of_a_tracker_may_be_in_numbers_of_numpy(tmp_path: Path) -> None:
+    track = Track.from_estimates([replace(estimate(0), mm_per_unit=np.float32(110))])
+    track.save(tmp_path / "out.csv")
+    assert Track.read(tmp_path / "out.csv").metadata["mm_per_unit"] == 110.0
+
+
 def test_all_rows_have_the_same_landmarks() -> None:
     """As of a tracker of one's own that reports those that it sees."""
     seen = [TrackedLandmarks(names, np.zeros((len(names), 2))) for names in (("tip", "chin"), ("chin",))]
