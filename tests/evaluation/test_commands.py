@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from evaluation import tiny
 from mien.cli import app
+from mien.errors import MienError
 from mien.evaluation import commands
 from mien.evaluation.commands import _tracker_names
 
@@ -50,6 +51,13 @@ def test_one_command_gives_a_report_and_report_gives_the_others(
         text = (tmp_path / "out" / f"report.{ending}").read_text(encoding="utf-8")
         assert "sensor" in text
         assert "the light is poor" in text
+
+
+@pytest.mark.parametrize("name", ["report.html", "report.md", "figures"])
+def test_reports_and_figures_of_others_are_not_replaced(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).mkdir()  # as a file would be
+    with pytest.raises(MienError, match=rf"{name} exists and is not of mien evaluate; choose another folder with -o"):
+        commands.evaluate("rendered", tmp_path / "data", tmp_path)
 
 
 def test_trackers_are_named_with_commas_between(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

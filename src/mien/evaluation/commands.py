@@ -10,7 +10,7 @@ from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT, run_plan
 from mien.evaluation.cells import listed
 from mien.evaluation.plan import Plan, is_tracker, split_names
 from mien.evaluation.protocols import DEFAULT_LOST_DEG
-from mien.evaluation.report import write_report
+from mien.evaluation.report import require_own, write_report
 from mien.evaluation.scores import Scores, load_scores
 from mien.processes import Progress
 from mien.registry import TRACKERS
@@ -39,6 +39,7 @@ def evaluate(
     trackers, sequences: names, as one or more strings, each of which may contain several separated by commas. Raises
     MienError for bad input; a failed sequence becomes a score with its reason.
     """
+    require_own(out)
     names = _tracker_names(trackers)
     plan = Plan(dataset, path, out, names, protocol, first_landmarks, focal_px, lost_deg, tuple(sequences), timed)
     try:

@@ -24,6 +24,7 @@ img { max-width: 100%; } figcaption { color: #555; } code { background: #f3f1ee;
 padding: 0.7rem; overflow-x: auto; }
 """
 
+FIGURES = "figures"
 MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg"}
 
 
@@ -39,7 +40,7 @@ def write_report(scores: Scores, out: Path, form: str) -> Path:
 
 
 def _markdown(scores: Scores, out: Path) -> str:
-    figures = save_figures(scores, out / "figures")
+    figures = save_figures(scores, out / FIGURES)
     pictures = [f"### {title}\n\n![{title}]({file.relative_to(out).as_posix()})\n" for title, file in figures.items()]
     tables = [to_markdown(t) for t in all_tables(scores)]
     return "\n".join([f"## {_title(scores)}", "", *(f"{line}\n" for line in _about(scores)), *tables, *pictures])
@@ -56,7 +57,7 @@ def _csv(scores: Scores, out: Path) -> str:
 
 
 def _html(scores: Scores, out: Path) -> str:
-    figures = save_figures(scores, out / "figures")
+    figures = save_figures(scores, out / FIGURES)
     title = html.escape(_title(scores))
     command, *about = _about(scores)
     body = [f"<h1>{title}</h1>", f"<pre>{html.escape(command.strip('`'))}</pre>"]
@@ -77,6 +78,16 @@ FORMATS: dict[str, tuple[str, Callable[[Scores, Path], str]]] = {
     "html": ("html", _html),
 }
 """Name of a format -> suffix of its file, function that writes it."""
+
+
+def require_own(out: Path) -> None:
+    """Raise MienError if a folder in which nothing was evaluated yet has a file, or figures, where a report will be."""
+    places = [*(out / f"report.{ending}" for ending, _ in FORMATS.values()), out / FIGURES]
+    taken = next((path for path in places if path.exists()), None)
+    require(
+        taken is None or (out / "evaluation.json").exists(),
+        f"{taken} exists and is not of mien evaluate; choose another folder with -o, or move it away",
+    )
 
 
 def _title(scores: Scores) -> str:
