@@ -822,6 +822,32 @@ def test_a_signal_writes_what_was_tracked(video: Path, marks: Path, tmp_path: Pa
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("more", [1, 2])
+def test_a_second_signal_does_not_stop_the_writing_and_a_third_does(
+    video: Path, marks: Path, tmp_path: Path, more: int
+) -> None:
+    """Impatient users press Ctrl-C twice, and some programs pass on to others what the terminal has sent to both."""
+    code = (
+        "import os, signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from mien.cli import main\nfrom mien.output.track import Track\n"
+        "from mien.tracking.realtime import RealtimeTracker\n"
+        "original, save = RealtimeTracker.track, Track.save\n"
+        "def track(self, frame):\n"
+        "    if frame.index == 3: os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return original(self, frame)\n"
+        "def save_meanwhile(self, path):\n"
+        f"    for _ in range({more}): os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    return save(self, path)\n"
+        "RealtimeTracker.track, Track.save = track, save_meanwhile\nmain()\n"
+    )
+    command = [sys.executable, "-c", code, "track", str(video), "-o", "out.csv", "--landmarks", str(marks)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 130, done.stderr
+    assert "mien: stopping, and writing what there is; once more" in done.stderr
+    assert (tmp_path / "out.csv").exists() == (more == 1)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_nohup_keeps_it_going(video: Path, marks: Path, tmp_path: Path) -> None:
     """nohup starts a program with the signal of a closed terminal ignored."""
     first = "signal.signal(signal.SIGHUP, signal.SIG_IGN)"

@@ -12,9 +12,11 @@ import os
 import signal
 import sys
 import warnings
+from collections.abc import Callable
 from datetime import datetime
 from io import TextIOWrapper
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
@@ -104,15 +106,32 @@ def main() -> None:
     # Imports and kernel compilation create many long-lived objects: collecting garbage among them took a tenth of the
     # start-up time, and tracking creates no garbage cycles.
     gc.set_threshold(100_000)
-    for name in ("SIGTERM", "SIGHUP"):  # save the frames tracked so far, as for Ctrl-C; nohup has SIGHUP ignored
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler)
+    _handle_signals(_interrupt)
     _open_standard_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a name that the terminal cannot show must not end a run
             stream.reconfigure(errors="backslashreplace")
     app()
+
+
+def _handle_signals(handler: Callable[[int, FrameType | None], Any]) -> None:
+    """Handle Ctrl-C, and what else asks a process to end, alike; nohup has SIGHUP ignored."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Interrupt what runs, so that the frames tracked so far are saved. A second signal, as of an impatient user or of
+    a program that passes on what the terminal has sent already, does not interrupt that; a third does."""
+    _handle_signals(_insist)
+    raise KeyboardInterrupt
+
+
+def _insist(number: int, frame: FrameType | None) -> None:
+    _handle_signals(signal.default_int_handler)
+    os.write(2, b"mien: stopping, and writing what there is; once more to stop without that\n")
 
 
 def _open_standard_streams() -> None:
