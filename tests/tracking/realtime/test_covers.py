@@ -21,10 +21,10 @@ def _covers(eyes: Mask | None = None) -> Covers:
     return Covers(IN_A_ROW, ~ALL if eyes is None else eyes, VisibilitySettings())
 
 
-def _after(*frames: Array, turned: bool = False) -> list[int]:
+def _after(*frames: Array) -> list[int]:
     covers = _covers()
     for d2 in frames:
-        covers.update(d2, ALL, CAME, turned)
+        covers.update(d2, ALL, CAME)
     return list(np.flatnonzero(covers.covered))
 
 
@@ -51,10 +51,10 @@ def test_a_face_that_looks_strange_as_a_whole_is_not_covered() -> None:
 
 def test_what_becomes_strange_gradually_is_an_expression() -> None:
     covers = _covers()
-    covers.update(HALF, ALL, STAYED, turned=False)
+    covers.update(HALF, ALL, STAYED)
     assert not covers.covered.any()
-    covers.update(HALF, ALL, CAME, turned=False)
-    covers.update(HALF, ALL, STAYED, turned=False)
+    covers.update(HALF, ALL, CAME)
+    covers.update(HALF, ALL, STAYED)
     assert covers.covered.any(), "what covers it stays"
 
 
@@ -65,32 +65,40 @@ def test_what_was_covered_stays_so_until_it_looks_like_the_face() -> None:
     assert _after(HALF, np.where(HALF > 100, 20.0, 3.0)) == []
 
 
-def test_in_a_turn_nothing_more_is_covered() -> None:
-    """What looks strange there may have become so by the turn."""
-    assert _after(HALF, turned=True) == []
-    covers = _covers()
-    covers.update(HALF, ALL, CAME, turned=False)
-    covers.update(HALF[::-1], ALL, CAME, turned=True)
-    assert not covers.covered.any()
-    covers.update(HALF, ALL, CAME, turned=False)
-    facing = ALL.copy()
+def test_what_has_turned_away_stays_covered() -> None:
+    """It is not seen to be free."""
+    covers, facing = _covers(), ALL.copy()
+    covers.update(HALF, ALL, CAME)
     facing[0] = False
-    covers.update(HALF, facing, CAME, turned=True)
-    assert list(np.flatnonzero(covers.covered)) == [0, 1, 2, 3, 4], "one that is behind the face is not seen to be free"
+    covers.update(HALF, facing, CAME)
+    assert list(np.flatnonzero(covers.covered)) == [0, 1, 2, 3, 4]
+
+
+def test_what_something_came_before_is_learned_once_it_looks_like_the_face() -> None:
+    covers, strange = _covers(), np.full(10, 60.0)
+    strange[5:] = 3.0
+    covers.update(strange, ALL, STAYED)
+    assert covers.learnable.all(), "it has become strange gradually"
+    covers.update(strange, ALL, CAME)
+    covers.update(strange, ALL, STAYED)
+    assert list(np.flatnonzero(~covers.learnable)) == [0, 1, 2, 3, 4]
+    assert not covers.covered.any()
+    covers.update(np.full(10, 3.0), ALL, STAYED)
+    assert covers.learnable.all()
 
 
 def test_eyes_alone_are_not_covered() -> None:
     """They blink."""
     covers = _covers(HALF > 100)
-    covers.update(HALF, ALL, CAME, turned=False)
+    covers.update(HALF, ALL, CAME)
     assert not covers.covered.any()
 
 
 @pytest.mark.parametrize("facing", [ALL, ~ALL])
 def test_a_lost_face_is_not_covered(facing: Mask) -> None:
     covers = _covers()
-    covers.update(HALF, ALL, CAME, turned=False)
+    covers.update(HALF, ALL, CAME)
     covers.forget()
     assert not covers.covered.any()
-    covers.update(np.full(10, 3.0), facing, CAME, turned=False)
+    covers.update(np.full(10, 3.0), facing, CAME)
     assert not covers.covered.any()

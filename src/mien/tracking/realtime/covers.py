@@ -19,8 +19,8 @@ that of the best quarter of the face, as a whole face may look strange."""
 _COVERED, _STILL_COVERED = 4.0, 2.0
 """The same, as a multiple of it, of a landmark that is covered, and of one that was covered in the last frame."""
 _CAME = 0.85
-"""Agreement of a patch, see `PatchHistory`, below which something has come before it lately: a grin makes half of a
-face look strange, but gradually."""
+"""Agreement of a patch, see `PatchHistory`, below which something has come before it: a grin makes half of a face look
+strange, but gradually."""
 _BESIDE = 0.3
 """Distance in CANDIDE units within which landmarks lie beside each other."""
 
@@ -28,7 +28,8 @@ _BESIDE = 0.3
 class Covers:
     """Which landmarks something covers, from frame to frame.
 
-    covered: (n,) in the last frame.
+    covered: (n,) in the last frame; suspected: (n,) before which something has come, and which have not looked like the
+    face since.
     """
 
     def __init__(self, neutral: Array, eyes: Mask, settings: VisibilitySettings) -> None:
@@ -36,23 +37,31 @@ class Covers:
         self.settings = settings
         self.beside = np.linalg.norm(neutral[:, None] - neutral, axis=2) < _BESIDE
         self.telling = ~eyes
-        self.covered = np.zeros(len(neutral), dtype=bool)
-
-    def update(self, d2: Array, facing: Mask, agreement: Array, turned: bool) -> None:
-        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), the agreement
-        (n,) of their patches, and whether the face has turned: what looks strange only then may look so by the turn."""
-        found = self._found(d2, facing, agreement)
-        self.covered = self.covered & (found | ~facing) if turned else found
-
-    def _found(self, d2: Array, facing: Mask, agreement: Array) -> Mask:
-        ordered = sorted(d2[facing].tolist())  # for a few numbers faster than NumPy
-        usual = max(_USUAL, _OF_THE_BEST * ordered[len(ordered) // 4]) if ordered else _USUAL
-        strange = d2 > np.where(self.covered, _STILL_COVERED, _COVERED) * usual
-        covered = facing & self.telling & strange & (self.covered | (agreement < _CAME))
-        if np.count_nonzero(covered) < self.settings.least_covered:
-            return np.zeros_like(covered)
-        return np.asarray(covered | facing & (d2 > usual) & self.beside[covered].any(axis=0))
+        self.forget()
 
     def forget(self) -> None:
         """Take nothing to be covered: a lost face may be found again uncovered."""
-        self.covered = np.zeros_like(self.covered)
+        self.covered = np.zeros_like(self.telling)
+        self.suspected = np.zeros_like(self.telling)
+
+    @property
+    def learnable(self) -> Mask:
+        """Which landmarks (n,) certainly show the face."""
+        return ~(self.covered | self.suspected)
+
+    def update(self, d2: Array, facing: Mask, agreement: Array) -> None:
+        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), and how far
+        their patches agree with the last frame's, agreement (n,)."""
+        ordered = sorted(d2[facing].tolist())  # for a few numbers faster than NumPy
+        usual = max(_USUAL, _OF_THE_BEST * ordered[len(ordered) // 4]) if ordered else _USUAL
+        strange = d2 > usual
+        self.suspected = (self.suspected | (agreement < _CAME)) & (strange | ~facing)
+        self.covered = self._found(d2 / usual, facing, strange) | self.covered & ~facing
+
+    def _found(self, d2: Array, facing: Mask, strange: Mask) -> Mask:
+        """What is covered in a frame in which the squared distance of a strange landmark is above 1."""
+        least = np.where(self.covered, _STILL_COVERED, np.where(self.suspected, _COVERED, np.inf))
+        covered = facing & self.telling & (d2 > least)
+        if np.count_nonzero(covered) < self.settings.least_covered:
+            return np.zeros_like(covered)
+        return np.asarray(covered | facing & strange & self.beside[covered].any(axis=0))

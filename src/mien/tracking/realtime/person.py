@@ -163,8 +163,7 @@ class Person:
 
     def notice_covers(self, solution: Solution, agreement: Array) -> None:
         """Find which landmarks something on the face covers. agreement: (n,) see `PatchHistory`."""
-        turned = self._has_turned(solution)
-        self.covers.update(solution.d2_without_noise, solution.facing, agreement, turned)
+        self.covers.update(solution.d2_without_noise, solution.facing, agreement)
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture
@@ -177,9 +176,9 @@ class Person:
         """Learn the appearance of a face that has turned away from the first frame's view, however strange it looks:
         from a frame in which it is known to be the same face. agreement: (n,) see `PatchHistory`."""
         s = self.settings.adaptation
-        if not self._has_turned(solution):
+        if self._turned_deg(solution) <= s.view_turn_deg:
             return
-        strange = self._strange(solution, agreement, s.view_strange_distance) & ~self.covers.covered
+        strange = self._strange(solution, agreement, s.view_strange_distance) & self.covers.learnable
         if strange.any():
             self.adaptation.learn_view(solution.pose.angles, solution.at.residual[strange], strange)
 
@@ -201,10 +200,6 @@ class Person:
         """Landmarks (n,) that have moved with the face and whose distance is beyond `least` times the expected one."""
         moved_along = solution.facing & (agreement > _SAME_PATCH)
         return np.asarray(moved_along & (solution.d2 > least * self.expected))
-
-    def _has_turned(self, solution: Solution) -> bool:
-        """Whether the face has turned so far that its appearance is learned."""
-        return self._turned_deg(solution) > self.settings.adaptation.view_turn_deg
 
     def _turned_deg(self, solution: Solution) -> float:
         """Turn of the face away from the first frame's view."""
