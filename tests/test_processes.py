@@ -91,7 +91,9 @@ def test_a_call_can_be_interrupted(forked: bool) -> None:
 
 
 STARTING = """
+import signal
 from mien.processes import Call, run_commands
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what a shell runs in the background
 try:
     list(run_commands([Call("slow", "slow_to_import:run", ())], 1, forked=True))
 except KeyboardInterrupt:
