@@ -42,7 +42,8 @@ def scaled(factor: float) -> Disturbance:
 
 
 def compressed(pixels: Pixels) -> Pixels:
-    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 10])[1], 1), dtype=np.uint8)
+    coded = cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 10])[1]
+    return np.ascontiguousarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)[..., ::-1], dtype=np.uint8)
 
 
 def noisy(frames: list[Pixels]) -> list[Pixels]:
