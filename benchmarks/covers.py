@@ -19,9 +19,10 @@ from skimage import data
 
 from mien.arrays import Array, Pixels
 from mien.errors import require
+from mien.evaluation.cells import calibration_cells
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.metrics import ANGLE_LEVEL, coverage
-from mien.evaluation.scores import Score, pooled, pooled_errors
+from mien.evaluation.metrics import ANGLE_LEVEL, COVERAGE_LEVELS
+from mien.evaluation.scores import Score, pooled_errors
 from mien.frame import Frame
 
 BEGIN = 10
@@ -109,14 +110,6 @@ def _with_covers(run: Run) -> Iterator[tuple[str, Run]]:
                 yield name, behind(run, part, picture)
 
 
-def calibrated_errors(score: Score) -> Array:
-    return score.error_deg[score.calibrated]
-
-
-def calibrated_sds(score: Score) -> Array:
-    return score.compared.sd_deg[score.calibrated]
-
-
 def main() -> None:
     parser = parser_of(__doc__, "path")
     made = [row for s in load_dataset("rendered", parser.parse_args().path) for row in rows(prepare(s))]
@@ -124,8 +117,7 @@ def main() -> None:
     for name, tracker in dict.fromkeys(row[:2] for row in made):
         scores, wrong = zip(*[row[2:] for row in made if row[:2] == (name, tracker)], strict=True)
         error, lost = pooled_errors(scores).mean(), sum(score.lost for score in scores)
-        errors, sds = (pooled(scores, of) for of in (calibrated_errors, calibrated_sds))
-        held = f"{100 * coverage(errors, sds, ANGLE_LEVEL):.0f}" if tracker == "realtime" else ""
+        held = calibration_cells(scores)[COVERAGE_LEVELS.index(ANGLE_LEVEL)] if tracker == "realtime" else ""
         print(f"| {name} | {tracker} | {error:.2f} | {held} | {lost} | {1000 * np.mean(wrong):.0f} |")
 
 

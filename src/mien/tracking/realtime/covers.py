@@ -12,6 +12,7 @@ import numpy as np
 
 from mien.arrays import Array, Mask
 from mien.config.realtime import VisibilitySettings
+from mien.tracking.realtime.solution import largest_of_best
 
 _USUAL, _OF_THE_BEST = 25.0, 2.0
 """Squared distance at which a landmark looks strange beside a covered one: at least the first, and the second times
@@ -52,8 +53,7 @@ class Covers:
     def update(self, d2: Array, facing: Mask, agreement: Array) -> None:
         """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), and how far
         their patches agree with the last frame's, agreement (n,)."""
-        ordered = sorted(d2[facing].tolist())  # for a few numbers faster than NumPy
-        usual = max(_USUAL, _OF_THE_BEST * ordered[len(ordered) // 4]) if ordered else _USUAL
+        usual = max(_USUAL, _OF_THE_BEST * largest_of_best(d2[facing], 4))
         strange = d2 > usual
         self.suspected = (self.suspected | (agreement < _CAME)) & (strange | ~facing)
         self.covered = self._found(d2 / usual, facing, strange) | self.covered & ~facing

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from mien.arrays import Array
 from mien.tracking.realtime.patch_history import LOOK_BACK, LOOK_BACK_SECONDS, PatchHistory
+from mien.tracking.realtime.solution import largest_of_best
 from mien.tracking.scene import Scene
 
 FAMILIAR = 0.5
@@ -82,8 +83,7 @@ def familiarity(d2: Array, turn: float) -> float:
     if not len(d2):
         return 0.0
     stranger, by_turn, width = _STRANGER
-    best_quarter = sorted(d2.tolist())[len(d2) // 4]
-    return logistic((stranger + by_turn * turn - best_quarter) / width)
+    return logistic((stranger + by_turn * turn - largest_of_best(d2, 4)) / width)
 
 
 def logistic(x: float) -> float:

@@ -64,10 +64,11 @@ class Person:
 
     neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of the usual
     appearance; tolerance: (n,) factor of it at which a robust weight is a quarter; variance: (n, 4) of the systematic
-    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; eyes, mouth,
-    indistinct: (n,) which landmarks belong to the eyes, to mouth and chin, whose appearance changes as they move, and
-    which look alike on all faces; spectacles_evidence: logarithm of how much stranger the eyes look than the rest of a
-    turned face, as a ratio of distances; learned_shut: whether the eyes were shut in the first frame.
+    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; eyes, mouth, temples:
+    (n,) which landmarks belong to the eyes, to mouth and chin, whose appearance changes as they move, and to the
+    temples, which look alike on all faces; covers: what lies on the face; spectacles_evidence: logarithm of how much
+    stranger the eyes look than the rest of a turned face, as a ratio of distances; learned_shut: whether the eyes were
+    shut in the first frame.
     """
 
     def __init__(
@@ -160,10 +161,6 @@ class Person:
         _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
         # Some are trusted beyond what is expected.
         np.minimum(self.expected, s.expected_distance, out=self.expected)
-
-    def notice_covers(self, solution: Solution, agreement: Array) -> None:
-        """Find which landmarks something on the face covers. agreement: (n,) see `PatchHistory`."""
-        self.covers.update(solution.d2_without_noise, solution.facing, agreement)
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture

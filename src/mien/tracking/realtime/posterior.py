@@ -29,8 +29,8 @@ class PosePosterior(NamedTuple):
     """Eq. (9) with an appearance that follows the pose, robust, with derivatives: what `kernels.solve` minimises.
 
     maps (H, W, 8) and sampling: orientation maps, and how descriptors are sampled from them, see
-    `descriptors.describe`; active (n,): 1 for landmarks that take part; scale (n,): squared distances at which a weight
-    is a quarter.
+    `descriptors.describe`; active (n,): 1 for landmarks that take part, 0 for those that are not looked at, and next to
+    0 for those that are but take no part; scale (n,): squared distances at which a weight is a quarter.
     """
 
     maps: Float32

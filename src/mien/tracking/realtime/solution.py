@@ -139,6 +139,12 @@ class View:
         return math.hypot(x * z0 / z - x0, y * z0 / z - y0)
 
 
+def largest_of_best(values: Array, part: int = 2) -> float:
+    """Largest of the smallest half of values (n,), or of a smaller part, as of 4 the quarter; infinite without any."""
+    ordered = sorted(values.tolist())  # for a few numbers faster than NumPy
+    return float(ordered[len(ordered) // part]) if ordered else math.inf
+
+
 @dataclass(frozen=True)
 class Solution:
     """The lowest point of Eq. (9) that a solve found, and what was observed there.
@@ -185,10 +191,8 @@ class Solution:
         return self.misfit_of(self.facing, 4)
 
     def misfit_of(self, seen: Mask, part: int = 2) -> float:
-        """The largest in the best half, or in a smaller part, of the landmarks `seen` (n,)."""
-        relative = self.d2_without_noise[seen] / self.expected[seen]
-        ratio = sorted(relative.tolist())  # for a few numbers faster than NumPy
-        return float(ratio[len(ratio) // part]) if ratio else math.inf
+        """The same of the landmarks `seen` (n,), for the best half of them or a smaller part."""
+        return largest_of_best(self.d2_without_noise[seen] / self.expected[seen], part)
 
     def seen(self, most: float) -> tuple[Array, float]:
         """Squared distances (m,) of the landmarks that face the camera and are, without noise, at most `most` away; and

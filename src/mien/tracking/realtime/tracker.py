@@ -181,7 +181,7 @@ class RealtimeTracker:
         self.pose, self.lost_frames = solution.pose, 0
         familiar = self._familiarity(solution)
         agreements = self._remember(frame, view, solution)
-        self.person.notice_covers(solution, self.identity.patches.agreement)
+        self.person.covers.update(solution.d2_without_noise, solution.facing, self.identity.patches.agreement)
         if familiar > FAMILIAR:
             if not self.solver.misfits(solution):
                 self._learn(frame, solution)

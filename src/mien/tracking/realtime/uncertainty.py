@@ -23,6 +23,7 @@ from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.geometry.rotation import ray_rotation
 from mien.tracking.realtime.identity import logistic
+from mien.tracking.realtime.solution import largest_of_best
 
 NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
@@ -174,7 +175,7 @@ def focal_covariance(t: Array, first_ray: Array, log_sd: float) -> Array:
 def frame_variance(d2: Array, seen: float) -> float:
     """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as of
     `state_covariance`."""
-    misfit = sorted(d2.tolist())[len(d2) // 2] / MISFIT_DISTANCE if len(d2) else 0.0
+    misfit = largest_of_best(d2) / MISFIT_DISTANCE if len(d2) else 0.0
     # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
     return NOISE_SCALE**2 * (1 + misfit) / max(seen, LEAST_SEEN)
 
