@@ -77,6 +77,16 @@ def test_the_texture_is_read_between_its_pixels() -> None:
     assert drawn.image[1, 1, 0] == pytest.approx(0.5 * (0.75 * 0 + 0.25 * 4) + 0.5 * (0.75 * 8 + 0.25 * 20))
 
 
+def test_light_falls_on_a_second_image() -> None:
+    """Lights of 1, 1 and 3 at the corners, so 2 half way to the last; the first image is the texture alone."""
+    X = _lifted([(0, 0), (0, 4), (4, 0)], [1, 1, 1])
+    texture = Texture(np.full((1, 1, 1), 7, np.float32), np.zeros((3, 2)))
+    drawn = render(X, FRONT, texture, CAMERA, 8, 6, background=5, light=np.array([1.0, 1, 3]))
+    assert (drawn.image[0, 2, 0], drawn.lit[0, 2, 0]) == (7, 14)
+    assert (drawn.image[5, 7, 0], drawn.lit[5, 7, 0]) == (5, 5)
+    assert render(X, FRONT, texture, CAMERA, 8, 6).lit[0, 2, 0] == 7
+
+
 def test_what_faces_away_is_not_drawn() -> None:
     X = _lifted([(0, 0), (0, 4), (4, 0)], [2, 2, 2])
     assert np.isinf(depth_buffer(X, FRONT[:, ::-1], CAMERA, 8, 6)).all()

@@ -23,9 +23,11 @@ class Texture:
 
 @dataclass(frozen=True)
 class Rendering:
-    """Rendered image (H, W, C) float32, depth (H, W) float32 with infinity where there is no surface."""
+    """Rendered image (H, W, C) float32, the same image in another light, and depth (H, W) float32 with infinity where
+    there is no surface."""
 
     image: Float32
+    lit: Float32
     depth: Float32
 
 
@@ -41,17 +43,16 @@ def render(
 ) -> Rendering:
     """Draw a mesh: vertices (V, 3) in camera axes, triangles (T, 3) counter-clockwise seen from outside.
 
-    Surfaces that face away are not drawn. Interpolation is perspective-correct, sampling bilinear; `light` (V,)
-    multiplies the texture at each vertex.
+    Surfaces that face away are not drawn. Interpolation is perspective-correct, sampling bilinear. light: (V,)
+    multiplies the texture at each vertex in `Rendering.lit`, which without it is the image itself.
     """
     channels = texture.image.shape[2]
     image = np.empty((height, width, channels), np.float32)
     image[:] = background
     depth = np.full((height, width), np.inf, np.float32)
-    p, _ = camera.project(vertices)
-    light = np.ones(len(vertices)) if light is None else light
-    _rasterize(p, vertices[:, 2].copy(), triangles, texture.image, texture.uv, light, image, depth)
-    return Rendering(image, depth)
+    lit, gain = (image, np.ones(len(vertices))) if light is None else (image.copy(), light)
+    _rasterize(vertices, camera.vector, triangles, texture.image, texture.uv, gain, image, lit, depth)
+    return Rendering(image, lit, depth)
 
 
 def depth_buffer(vertices: Array, triangles: NDArray[np.intp], camera: Camera, width: int, height: int) -> Float32:
@@ -71,9 +72,16 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.intp]) -> Array:
 
 
 @kernel(fastmath={"contract", "reassoc", "arcp"})
-def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any, image: Any, depth: Any) -> None:
+def _rasterize(
+    vertices: Any, camera: Any, triangles: Any, texture: Any, uv: Any, light: Any, image: Any, lit: Any, depth: Any
+) -> None:
+    """Draw what `render` describes. camera (3,): `Camera.vector`."""
     height, width, channels = image.shape
     th, tw = texture.shape[0], texture.shape[1]
+    z, p = vertices[:, 2], np.empty((vertices.shape[0], 2))
+    for k in range(p.shape[0]):
+        for axis in range(2):
+            p[k, axis] = camera[0] * vertices[k, axis] / z[k] + camera[1 + axis]
     for k in range(triangles.shape[0]):
         a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
         if not (z[a] > 0 and z[b] > 0 and z[c] > 0):
@@ -117,4 +125,6 @@ def _rasterize(p: Any, z: Any, triangles: Any, texture: Any, uv: Any, light: Any
                 for ch in range(channels):
                     top = texture[iy, ix, ch] * (1 - fx) + texture[iy, jx, ch] * fx
                     bottom = texture[jy, ix, ch] * (1 - fx) + texture[jy, jx, ch] * fx
-                    image[y, x, ch] = gain * (top * (1 - fy) + bottom * fy)
+                    value = top * (1 - fy) + bottom * fy
+                    image[y, x, ch] = value
+                    lit[y, x, ch] = gain * value

@@ -10,41 +10,38 @@ import numpy as np
 
 from mien.appearance.views import rotation
 from mien.arrays import Array
-from mien.config import RealtimeSettings
 from mien.tracking.realtime import learning
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
-def test_a_face_is_changed_as_its_mirror_image_is() -> None:
-    """Half of the views are the mirror images of the others: with the same eyes, and lit from the other side."""
-    drawn: list[tuple[Array, str, Array | None]] = []
+def test_the_eyes_of_a_face_move_as_those_of_its_mirror_image() -> None:
+    drawn: list[tuple[Array, str]] = []
 
-    def describe(R: Array, texture: str, light: Array | None = None) -> tuple[Array, None]:
-        drawn.append((R, texture, light))
-        return np.zeros((1, 128), np.float32), None
+    def describe(R: Array, texture: str) -> tuple[Array, None, None]:
+        drawn.append((R, texture))
+        return np.zeros((1, 128), np.float32), None, None
 
-    mirrored = {"still": "still", "half": "half", "shut": "shut", "left": "right", "right": "left"}
+    mirrored = {"half": "half", "shut": "shut", "left": "right", "right": "left"}
     renderer: Any = SimpleNamespace(
-        posed=lambda R: R, describe=describe, normals=np.eye(3), texture="still", moved_eyes=list(mirrored)[1:],
+        posed=lambda R: R, describe=describe, moved_eyes=list(mirrored),
         face=SimpleNamespace(noise=0.0, points=np.zeros((1, 3))),
     )  # fmt: skip
     tilts, pans = np.radians([-20.0, -5, 5, 20]), np.radians([-40.0, -25, -10, 10, 25, 40])
-    views: Any = SimpleNamespace(tilts=tilts, pans=pans, seen=np.zeros((4, 6, 1, 128), np.float32))
-    learning._render_changes(renderer, views, RealtimeSettings())
+    seen = np.zeros((4, 6, 1, 128), np.float32)
+    learning._render_changes(renderer, learning._Views(tilts, pans, seen, seen, seen, seen))
     known = [rotation(tilt, pan, 0.0) for tilt, pan in product(tilts, pans)]
-    assert all(texture != "still" or light is not None for _, texture, light in drawn)  # nothing else is drawn again
-    assert {texture for _, texture, _ in drawn} == set(mirrored)
-    for R, texture, light in drawn:
+    assert {texture for _, texture in drawn} == set(mirrored)  # nothing else is drawn again
+    for R, texture in drawn:
         assert any(np.allclose(R, view) for view in known)
-        others = [
-            other for other in drawn if np.allclose(other[0], MIRROR @ R @ MIRROR) and other[1] == mirrored[texture]
-        ]
-        assert others
-        if light is not None:  # of what faces right as of what faces left in the other, and up and forwards as there
-            (_, _, other_light), *_ = others
-            assert other_light is not None
-            np.testing.assert_allclose(np.log(other_light), MIRROR @ np.log(light), atol=1e-9)
+        assert any(np.allclose(S, MIRROR @ R @ MIRROR) and other == mirrored[texture] for S, other in drawn)
+
+
+def test_a_face_is_lit_as_its_mirror_image_is() -> None:
+    """Each view is lit from the other side than its mirror image, and no two pairs alike."""
+    lights = learning._mirrored_lights(4, 6, 0.45)
+    np.testing.assert_array_equal(lights[:, ::-1], lights @ MIRROR)
+    assert len(np.unique(lights.round(9).reshape(-1, 3), axis=0)) == 24
 
 
 def test_lights_come_from_all_sides_in_all_strengths() -> None:

@@ -135,15 +135,20 @@ class _ViewRenderer:
         texture: Texture,
         light: Array | None = None,
         noise: Float32 | None = None,
-    ) -> tuple[Float32, Float32]:
-        """Descriptors (n, 128) of the landmarks in a view, and its depth image; light (V,): see `render`; noise (size,
-        size): added to the grey values."""
+    ) -> tuple[Float32, Float32, Float32]:
+        """Descriptors (n, 128) of the landmarks in a view, the same in a light (V,), see `render`, and its depth image;
+        noise (size, size): added to the grey values."""
         d, face, size, (vertices, points) = self.descriptor, self.face, self.size, posed
         drawn = render(vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
-        image = drawn.image[:, :, 0] if noise is None else drawn.image[:, :, 0] + noise
-        maps = orientation_maps(blurred(image, d.blur), d.cell)
-        # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
-        return describe_with_jacobian(maps, self.camera.project(points)[0], d.cell, d.root)[0], drawn.depth
+        pixels = self.camera.project(points)[0]
+
+        def of(image: Float32) -> Float32:
+            maps = orientation_maps(blurred(image if noise is None else image + noise, d.blur), d.cell)
+            # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
+            return describe_with_jacobian(maps, pixels, d.cell, d.root)[0]
+
+        seen = of(drawn.image[:, :, 0])
+        return seen, seen if light is None else of(drawn.lit[:, :, 0]), drawn.depth
 
     def weight(self, points: Array, R: Array, behind: Array, s: RealtimeSettings) -> Array:
         """How much a view teaches of each landmark (n,): nothing where it is hidden, little where it is seen edge-on.
@@ -161,20 +166,26 @@ class _ViewRenderer:
 @dataclass(frozen=True)
 class _Views:
     """What k x l views at some tilts and pans, radians, show of n landmarks: descriptors (k, l, n, 128), how much each
-    view teaches (k, l, n), and how far the landmarks lie behind the surface (k, l, n)."""
+    view teaches (k, l, n), how far the landmarks lie behind the surface (k, l, n), and the descriptors (k, l, n, 128)
+    in the light of each view, the same where it has none."""
 
     tilts: Array
     pans: Array
     seen: Float32
     weight: Float32
     behind: Float32
+    lit: Float32
 
     def beside(self, others: _Views) -> _Views:
         """These views and others at the same tilts, in the order of their pans."""
         pans = np.concatenate([self.pans, others.pans])
         order = np.argsort(pans)
-        pairs = (self.seen, others.seen), (self.weight, others.weight), (self.behind, others.behind)
-        return _Views(self.tilts, pans[order], *(np.concatenate(pair, axis=1)[:, order] for pair in pairs))
+        parts = zip(self._by_view, others._by_view, strict=True)
+        return _Views(self.tilts, pans[order], *(np.concatenate(part, axis=1)[:, order] for part in parts))
+
+    @property
+    def _by_view(self) -> tuple[Float32, ...]:
+        return self.seen, self.weight, self.behind, self.lit
 
 
 @dataclass(frozen=True)
@@ -195,8 +206,8 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
     limit = np.radians([s.views.limit_tilt_deg, s.views.limit_pan_deg])
     tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.views.crowding)
     further = np.radians(np.linspace(s.views.limit_pan_deg, s.views.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
-    front = _render_views(renderer, tilts, pans, s)
-    changes = _render_changes(renderer, front, s)
+    front = _render_views(renderer, tilts, pans, s, _mirrored_lights(len(tilts), len(pans), s.views.light_contrast))
+    changes = _render_changes(renderer, front)
 
     def learn_turned() -> Level:
         aside = _render_views(renderer, tilts, np.concatenate([-further[::-1], further]), s)
@@ -206,39 +217,48 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
     return replace(level, learn_turned=learn_turned)
 
 
-def _render_views(renderer: _ViewRenderer, tilts: Array, pans: Array, s: RealtimeSettings) -> _Views:
-    """Render the face at these tilts and pans, and describe it."""
+def _render_views(
+    renderer: _ViewRenderer, tilts: Array, pans: Array, s: RealtimeSettings, lights: Array | None = None
+) -> _Views:
+    """Render the face at these tilts and pans, and describe it. lights: (tilts, pans, 3) of the views, see
+    `spread_lights`."""
     views = []
-    for tilt, pan in product(tilts, pans):
-        R = rotation(tilt, pan, 0.0)
+    for i, j in np.ndindex(len(tilts), len(pans)):
+        R = rotation(tilts[i], pans[j], 0.0)
         posed = renderer.posed(R)
-        seen, depth = renderer.describe(posed, renderer.texture)
+        light = None if lights is None else np.exp(renderer.normals @ R.T @ lights[i, j])
+        seen, lit, depth = renderer.describe(posed, renderer.texture, light)
         behind = _depth_behind(posed[1], depth, renderer.camera)
-        views.append((seen, renderer.weight(posed[1], R, behind, s), behind))
+        views.append((seen, renderer.weight(posed[1], R, behind, s), behind, lit))
     parts = (np.array(part, np.float32) for part in zip(*views, strict=True))
     return _Views(tilts, pans, *(part.reshape(len(tilts), len(pans), *part.shape[1:]) for part in parts))
 
 
-def _render_changes(renderer: _ViewRenderer, views: _Views, s: RealtimeSettings) -> _Changes:
-    """Render the views once more in other lights, and some with moved eyes: in pairs that are mirror images of each
-    other, so that the mirror image of a face is learned like the face. Light goes into the covariance, not into the
-    mean, which would depend on where it comes from in which view."""
+def _mirrored_pairs(tilts: int, pans: int) -> list[tuple[int, int, int]]:
+    """Tilt and the two pans, as indices, of the pairs of views that are mirror images of each other: what changes in
+    one changes mirrored in the other, so that the mirror image of a face is learned like the face."""
+    return [(i, j, pans - 1 - j) for i in range(tilts) for j in range((pans + 1) // 2)]
+
+
+def _mirrored_lights(tilts: int, pans: int, contrast: float) -> Array:
+    """A light (tilts, pans, 3) for each view, see `spread_lights`."""
+    lights, pairs = np.empty((tilts, pans, 3)), _mirrored_pairs(tilts, pans)
+    for (i, j, mirrored), light in zip(pairs, spread_lights(len(pairs), contrast), strict=True):
+        lights[i, j], lights[i, mirrored] = light, light * [-1, 1, 1]
+    return lights
+
+
+def _render_changes(renderer: _ViewRenderer, views: _Views) -> _Changes:
+    """What light changes in the views, and eyes that move in some, rendered once more. Light goes into the covariance,
+    not into the mean, which would depend on where it comes from in which view."""
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
-    lights = []
-    last = len(views.pans) - 1
-    pairs = list(product(range(len(views.tilts)), range(last // 2 + 1)))
-    spread = spread_lights(len(pairs), s.views.light_contrast)
-    for k, ((i, j), light) in enumerate(zip(pairs, spread, strict=True)):
-        moved = k // _EYE_VIEWS % len(_EYES) if k % _EYE_VIEWS == 0 else None
-        for column, sign in ((j, 1), (last - j, -1)):
-            R, seen = rotation(views.tilts[i], views.pans[column], 0.0), views.seen[i, column]
-            posed = renderer.posed(R)
-            if moved is not None:
-                shown = moved if sign > 0 else _MIRRORED_EYES[moved]
-                eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - seen)
-            lit = np.exp(renderer.normals @ R.T @ (light * [sign, 1, 1]))
-            lights.append(renderer.describe(posed, renderer.texture, lit)[0] - seen)
-    return _Changes(tuple(np.array(shown) for shown in eyes), np.array(lights), *_changes_by_noise(renderer))
+    for k, (i, *columns) in enumerate(_mirrored_pairs(len(views.tilts), len(views.pans))[::_EYE_VIEWS]):
+        moved = k % len(_EYES)
+        for j, shown in zip(columns, (moved, _MIRRORED_EYES[moved]), strict=True):
+            posed = renderer.posed(rotation(views.tilts[i], views.pans[j], 0.0))
+            eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - views.seen[i, j])
+    lights = (views.lit - views.seen).reshape(-1, *views.seen.shape[2:])
+    return _Changes(tuple(np.array(shown) for shown in eyes), lights, *_changes_by_noise(renderer))
 
 
 def _changes_by_noise(renderer: _ViewRenderer) -> tuple[Float32, float]:
