@@ -367,10 +367,33 @@ def test_what_is_done_is_kept(videos: Path, code: dict[str, str], tmp_path: Path
     assert _states(track_all([videos], out, BatchOptions(again=True))) == ["tracked"] * 3
 
 
+def _written_over(video: Path, metadata: Path) -> None:
+    """Let a video that has been tracked be the same file with other content of the same length."""
+    known = json.loads(metadata.read_text())
+    tracked = known["video"] | {"inode": video.stat().st_ino, "sha256": sha256(b"what it was").hexdigest()}
+    metadata.write_text(json.dumps(known | {"video": tracked}))
+    _touch(video)
+
+
+def _touch(file: Path) -> None:
+    """Let a file be newer than everything else."""
+    os.utime(file, (time.time() + 10, time.time() + 10))
+
+
+def test_a_video_with_a_newer_time_and_the_same_content_is_kept(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    """As after a folder was copied, or fetched from a server once more."""
+    track_all([videos], tmp_path / "out")
+    for video in videos.rglob("*.*"):
+        _touch(video)
+    assert _states(track_all([videos], tmp_path / "out")) == ["kept"] * 3
+
+
 def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)
-    os.utime(videos / "a.mp4", (time.time() + 10, time.time() + 10))  # the video has changed
+    _written_over(videos / "a.mp4", out / "a.json")
     half = out / "sub" / "b.json"
     half.write_text(json.dumps({**json.loads(half.read_text()), "complete": False}))
     (out / "sub" / "c.parquet").unlink()
@@ -523,7 +546,7 @@ def test_what_the_files_of_settings_and_camera_say_counts_and_not_when_they_were
     own.write_text(content)
     _done_with(tmp_path, options)
     track_all([videos], out, options)
-    os.utime(own, (time.time() + 10, time.time() + 10))
+    _touch(own)
     assert _states(track_all([videos], out, options)) == ["kept"] * 3
     own.write_text(changed)
     os.utime(own, (0, 0))  # as of a file that was moved here
@@ -540,7 +563,7 @@ def test_a_tracker_of_your_own_that_has_changed_is_used(
     _done_with(tmp_path, options)
     track_all([videos], out, options)
     assert _states(track_all([videos], out, options)) == ["kept"] * 3
-    os.utime(own, (time.time() + 10, time.time() + 10))
+    _touch(own)
     assert _states(track_all([videos], out, options)) == ["tracked"] * 3
 
 

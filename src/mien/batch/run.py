@@ -112,19 +112,20 @@ def _command(row: Row, options: BatchOptions) -> Call:
 def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     """The rows of a video that need not be tracked again, else None.
 
-    All its files must exist, be complete and no older than the video, which must be the same, and come from the same
-    tracker with the same settings.
+    All its files must exist, be complete, come from the same tracker with the same settings, and be no older than what
+    the options name; the video must be the same.
     """
     with suppress(MienError, OSError, AttributeError, LookupError, TypeError):  # whatever somebody made of NAME.json
         track = Track.read(row.table)
         known = track.metadata
         if not options.match(known, row.table):
             return None
-        files = options.files_of(row.table, known.get("faces", 1))
-        read = [row.video, *(list_images(row.video) if row.video.is_dir() else ()), *options.inputs]
-        if min(file.stat().st_mtime for file in files) < max(file.stat().st_mtime for file in read):
+        oldest = min(file.stat().st_mtime for file in options.files_of(row.table, known.get("faces", 1)))
+        if any(file.stat().st_mtime > oldest for file in options.inputs):
             return None
-        if has_other_content(row.video, known["video"]):  # also if it is older: what is renamed keeps its time
+        images = list_images(row.video) if row.video.is_dir() else ()
+        newer = any(file.stat().st_mtime > oldest for file in (row.video, *images))
+        if has_other_content(row.video, known["video"], newer):  # if it is older, too: what is renamed keeps its time
             return None
         return face_rows(replace(row, state=KEPT), track)
     return None

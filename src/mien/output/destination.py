@@ -142,12 +142,13 @@ def require_no_other_video(table: Path, video: Path) -> None:
     )
 
 
-def has_other_content(video: Path, known: Mapping[str, Any]) -> bool:
+def has_other_content(video: Path, known: Mapping[str, Any], newer: bool = False) -> bool:
     """Whether a file or a folder differs from the video that a NAME.json describes, as far as that tells: a renamed one
-    keeps its number, and a copy its content."""
+    keeps its number, and a copy its content. newer: whether it was written later, so that its number tells nothing."""
     if known.get("bytes") != size_of(video):
         return True
-    return known.get("inode") != video.stat().st_ino and known.get("sha256") != checksum(video)
+    same_file = known.get("inode") == video.stat().st_ino and not newer
+    return not same_file and known.get("sha256") != checksum(video)
 
 
 def _tables_of_faces(table: Path, first: int) -> list[Path]:
