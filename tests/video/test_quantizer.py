@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import pytest
 
 from mien.frame import Frame
@@ -57,6 +58,42 @@ def test_vp9_is_read_as_well(tmp_path: Path) -> None:
     assert fine is not None
     assert coarse is not None
     assert 0.5 < fine < 0.5 * coarse < 30
+
+
+@pytest.mark.parametrize("pix_fmt", ["yuv420p", "yuv420p10le"])
+def test_the_headers_of_hevc_state_its_levels(pix_fmt: str, tmp_path: Path) -> None:
+    """Its step doubles every six levels, whatever its bits."""
+    for level in (22, 34):
+        how = {"x265-params": f"qp={level}:aq-mode=0:ipratio=1:pbratio=1:log-level=none"}
+        path = write_video(tmp_path / "x.mp4", portrait_images(8), codec="libx265", pix_fmt=pix_fmt, options=how)
+        assert _step(path, 7) == _step(path) == pytest.approx(2 ** ((level - 4) / 6))
+
+
+@pytest.mark.parametrize(("codec", "how"), [("libvpx", {"b": "9M"}), ("libsvtav1", {"preset": "10"})])
+def test_the_headers_of_vp8_and_av1_state_their_quantizers(codec: str, how: dict[str, str], tmp_path: Path) -> None:
+    if codec not in av.codecs_available:
+        pytest.skip(f"this FFmpeg cannot encode with {codec}")
+    found = []
+    for level in (15, 50):
+        images, limits = portrait_images(8), {"qmin": str(level), "qmax": str(level)}
+        options = how | (limits if codec == "libvpx" else {"crf": str(level)})
+        path = write_video(tmp_path / f"{level}.mkv", images, codec=codec, pix_fmt="yuv420p", options=options)
+        found.append(_step(path))
+    fine, coarse = found
+    assert fine is not None
+    assert coarse is not None
+    assert 0.5 < fine < 0.5 * coarse < 60
+
+
+def test_reading_headers_leaves_the_log_as_it_was(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "x.mp4", portrait_images(2), codec="libx265", pix_fmt="yuv420p")
+    for level in (None, av.logging.ERROR):
+        av.logging.set_level(level)
+        try:
+            assert _step(path) is not None
+            assert av.logging.get_level() == level
+        finally:
+            av.logging.set_level(None)
 
 
 @pytest.mark.parametrize(("codec", "pix_fmt", "name"), [("ffv1", "bgr0", "x.mkv"), ("mjpeg", "yuvj420p", "x.avi")])

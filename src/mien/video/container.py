@@ -54,21 +54,27 @@ def decoded_images(
         stream = shown_stream(container)
         stream.thread_type = threads
         stream.codec_context.options = dict(options or {})
-        try:
-            if begin is not None:
-                container.seek(math.floor(begin / stream.time_base), stream=stream)
-        except av.error.FFmpegError:
-            return
-        packets = container.demux(stream)
-        while True:
+        for packet in packets_from(container, begin):
             try:
-                packet = next(packets)
-                images = packet.decode()
-            except StopIteration:
-                return
+                images = [None] if packet is None else packet.decode()
             except av.error.EOFError:
                 return
             except av.error.FFmpegError:
-                yield None
-                continue
+                images = [None]
             yield from images
+
+
+def packets_from(container: Any, begin: float | None = None) -> Iterator[Any]:
+    """The packets of the video that is shown, with None for a damaged one, from the beginning or from the key frame
+    before `begin` (seconds)."""
+    import av
+
+    stream = shown_stream(container)
+    try:
+        if begin is not None:
+            container.seek(math.floor(begin / stream.time_base), stream=stream)
+        yield from container.demux(stream)
+    except av.error.EOFError:
+        return
+    except av.error.FFmpegError:
+        yield None
