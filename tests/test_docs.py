@@ -49,6 +49,21 @@ def test_contributions_are_those_of_the_ablation() -> None:
     assert set(contributions) <= set(rows)
 
 
+def test_what_else_a_mechanism_gains_is_that_of_the_ablation() -> None:
+    head, *rows = re.findall(r"^\| (.*) \|$", _text(DOCS / "benchmark.md").split("## Ablation")[1], re.MULTILINE)
+    columns = [name.strip() for name in f" {head}".split("|")]
+    ablation = {row.split(" | ")[0]: dict(zip(columns, row.split(" | "), strict=False)) for row in rows}
+    said = re.findall(
+        r'"([^"]+)" \([0-9.]+\),? (?:with|and) (?:a )?(?:correlations? of the )?(jaw|smile|jitter) of ([0-9. and]+) '
+        r"instead of ([0-9]\.[0-9]{2})",
+        " ".join(REALTIME.split()),
+    )
+    assert len(said) == 4
+    for mechanism, quantity, values, full in said:
+        assert ablation[mechanism][quantity] in values.split(" and ")
+        assert ablation["full"][quantity] == full
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\(([^)\s]+)\)", _text(page)):
