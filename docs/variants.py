@@ -1,6 +1,6 @@
 """Trackers with a part switched off or changed, for the experiments of `docs/baselines.md` and `docs/method.md`.
 
-`PYTHONPATH=docs mien evaluate rendered PATH --trackers variants:XiaoWithoutReregistration -o DIR`
+`PYTHONPATH=docs mien evaluate rendered PATH/rendered --trackers variants:XiaoWithoutReregistration -o DIR`
 """
 
 from __future__ import annotations
