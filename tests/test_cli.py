@@ -21,6 +21,8 @@ import pytest
 
 from mien import cli
 from mien.errors import warn
+from mien.evaluation.benchmark import DEFAULT_TIME_LIMIT
+from mien.evaluation.protocols import DEFAULT_LOST_DEG
 from mien.frame import Frame
 from mien.graphics import Graphics
 from mien.initialization.landmark_files import write_landmarks
@@ -360,6 +362,13 @@ def test_help_names_the_commands(mien: Command) -> None:
     result = mien("--help")
     assert result.status == 0
     assert all(command in result.out for command in ("demo", "track", "landmarks"))
+
+
+def test_the_help_of_evaluate_states_its_defaults(mien: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    text = mien("evaluate", "--help").out
+    assert f"{DEFAULT_LOST_DEG:g} if not given" in text
+    assert f"{DEFAULT_TIME_LIMIT:g} if not given" in text
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:

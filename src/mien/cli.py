@@ -329,9 +329,14 @@ def evaluate(
     landmarks: Annotated[str, typer.Option(help="Of the first frame: detected, or truth.")] = "detected",
     focal: Focal = None,
     lost: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Frames with a larger error count as lost (protocol paper).")
+        float | None,
+        typer.Option(
+            metavar="DEG", help="Error beyond which a frame counts as lost (protocol paper); 30 if not given."
+        ),
     ] = None,
-    time_limit: Annotated[float | None, typer.Option(metavar="SECONDS", help="For one sequence.")] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="For one sequence; 1800 if not given.")
+    ] = None,
     sequences: Annotated[str, typer.Option(metavar="NAMES", help="Only these, separated by commas.")] = "",
     timed: Annotated[int, typer.Option(min=0, help="Number of sequences on which speed is measured.")] = 1,
     quiet: Quiet = False,
