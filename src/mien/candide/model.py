@@ -1,7 +1,7 @@
 """CANDIDE-3: `g = s R (gbar + S sigma + A alpha) + t`, Eq. (1).
 
 J. Ahlberg, CANDIDE-3: an updated parameterised face, LiTH-ISY-R-2326, Linkoeping University, 2001.
-Axes: x to the subject's left, y up, z out of the face. One unit is about half the height of a face.
+Axes: x to the subject's left, y up, z out of the face. One unit is some 11 cm, half the height of a head.
 A perspective camera observes only `s / t`, so mien uses `s = 1` and lengths in CANDIDE units internally;
 `mm_per_unit` converts them for output.
 """

@@ -33,6 +33,7 @@ class Status(str, Enum):
 
     @property
     def success(self) -> bool:
+        """Whether the frame has the face."""
         return self is not Status.LOST
 
 
@@ -70,12 +71,13 @@ class Closing:
 class Estimate:
     """What a tracker knows after one frame. A lost face has status LOST and no rotation. Estimates compare by identity.
 
-    rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
-    of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera axes that
-    corrects what has turned since the first frame, whose own error is not in it; confidence in [0, 1]: the
-    probability that the rotation is right to 5 degrees; model_rotation: (3, 3) from the axes of the model, which
-    stay while those of the head are learned, to the camera's. What a tracker does not estimate is None, and no array
-    can be written to. mm_per_unit converts lengths at the boundary.
+    index, time (seconds): of the frame; rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes;
+    animation: (6,) in the order of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in
+    camera axes that corrects what has turned since the first frame, whose own error is not in it; landmarks: see
+    `TrackedLandmarks`; confidence in [0, 1]: the probability that the rotation is right to 5 degrees; mm_per_unit:
+    millimetres per CANDIDE unit; reason: why the face is lost; closing: how far the eyes have closed; model_rotation:
+    (3, 3) from the axes of the model, which stay while those of the head are learned, to the camera's. What a tracker
+    does not estimate is None, and no array can be written to.
     """
 
     index: int

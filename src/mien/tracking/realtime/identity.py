@@ -53,10 +53,12 @@ class Identity:
 
     @property
     def is_known(self) -> bool:
+        """Whether the face is taken to be that of the first frame."""
         return self.probability > _KNOWN
 
     @property
     def is_doubted(self) -> bool:
+        """Whether the face may be another one."""
         return self.probability < _DOUBTED
 
     @property
