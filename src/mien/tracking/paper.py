@@ -57,7 +57,8 @@ class PaperTracker:
         self.size: tuple[int, int] | None = None
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Section 3.1: fit the first frame, render the views, learn a Gaussian per landmark."""
+        """Section 3.1: fit the first frame, render the views, learn a Gaussian per landmark. Raises MienError for
+        landmarks that cannot be tracked."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
         self.size, self.camera = (frame.width, frame.height), camera
@@ -73,7 +74,8 @@ class PaperTracker:
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
-        """Section 3.2: update the Gaussians with the last observation, then minimise Eq. (9)."""
+        """Section 3.2: update the Gaussians with the last observation, then minimise Eq. (9). Raises MienError before
+        `initialize`, and for a frame whose size differs from the first one's."""
         require_next_of(self.size, frame)
         s = self.settings
         if self.observed is not None:  # each observation counts once

@@ -88,8 +88,8 @@ class RealtimeTracker:
 
     @one_blas_thread()
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Fit the first frame and learn the appearance of its landmarks. Raises MienError for a face that would be
-        nearer to the camera than it is wide."""
+        """Fit the first frame and learn the appearance of its landmarks. Raises MienError for landmarks that cannot be
+        tracked, and for a face that would be nearer to the camera than it is wide."""
         s = self.settings
         landmarks.check(frame.width, frame.height)
         self.graphics, frame = landmarks.graphics, frame.behind(landmarks.graphics)
