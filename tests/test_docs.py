@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from typer.main import get_command
 
 import mien
+from mien.cli import app
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import FACING, matrix_from_euler
 
@@ -35,6 +37,20 @@ def test_every_equation_is_named_in_the_code() -> None:
     code = "\n".join(p.read_text(encoding="utf-8") for p in (ROOT / "src").rglob("*.py"))
     for number in range(1, 10):
         assert f"Eq. ({number})" in code
+
+
+@pytest.mark.parametrize(
+    ("command", "pages"),
+    [
+        *((command, ("README.md", "docs/usage.md")) for command in ("track", "batch", "landmarks")),
+        *((command, ("docs/evaluation.md",)) for command in ("evaluate", "report")),
+    ],
+)
+def test_every_option_is_explained(command: str, pages: tuple[str, ...]) -> None:
+    text = "".join((ROOT / page).read_text(encoding="utf-8") for page in pages)
+    options = get_command(app).commands[command].params  # type: ignore[attr-defined]
+    names = {max(option.opts, key=len) for option in options if option.opts[0].startswith("-")}
+    assert {name for name in names if not re.search(rf"{name}\b", text)} <= {"--output", "--quiet"}
 
 
 @pytest.mark.parametrize(("name", "value"), SETTINGS)
