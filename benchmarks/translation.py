@@ -2,8 +2,8 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/translation.py PATH`, with PATH a folder of rendered sequences; landmarks from the
 detector. What a track cannot know is fitted to the truth first, once for a sequence: the unit of length, and which
-point of the head is its origin; by least squares, each coordinate weighed by the tracker's own deviation, since depth
-is known ten times less well than the rest. Errors are root mean squares in tenths of a unit of the truth, about
+point of the true head is its origin; by least squares, each coordinate weighed by the tracker's own deviation, since
+depth is known ten times less well than the rest. Errors are root mean squares in tenths of a unit of the truth, about
 millimetres, at a distance of about a metre; the shares those of the errors inside the 90 per cent intervals.
 """
 
@@ -23,15 +23,16 @@ from mien.tracking.realtime import RealtimeTracker
 def errors(run: Run, truth: Array) -> tuple[Array, Array]:
     """Errors of the translation (m, 3) in units of the truth (n, 3), and their deviations as the tracker gives them,
     in the frames that are not lost."""
+    assert run.truth.rotations is not None
     t, R, sd, true = [], [], [], []
-    for estimate, of_truth in zip(track(RealtimeTracker(), run), truth, strict=True):
-        if estimate.rotation is None or estimate.translation is None or estimate.covariance is None:
+    for estimate, R_true, of_truth in zip(track(RealtimeTracker(), run), run.truth.rotations, truth, strict=True):
+        if estimate.translation is None or estimate.covariance is None:
             continue
         t.append(estimate.translation)
-        R.append(estimate.rotation)
+        R.append(R_true)
         sd.append(np.sqrt(np.diag(estimate.covariance)[3:6]))
         true.append(of_truth)
-    # scale * t + R origin = truth
+    # scale * t + R origin = truth, with the true R: the origins lie 10 cm apart, by which an error of R would count
     A = np.concatenate([np.reshape(t, (-1, 1)), np.reshape(R, (-1, 3))], axis=1)
     weight = 1 / np.ravel(sd)
     fitted = np.linalg.lstsq(A * weight[:, None], np.ravel(true) * weight, rcond=None)[0]
