@@ -239,6 +239,17 @@ def test_times_far_from_the_first_frame_say_nothing_of_it(tmp_path: Path) -> Non
         assert read_pose_csv(tmp_path / "some.csv").first is None
 
 
+@pytest.mark.parametrize(("rows", "first"), [(slice(None), 1), (slice(10, None), None)])
+def test_uneven_times_say_it_by_the_row_of_time_zero_alone(tmp_path: Path, rows: slice, first: int | None) -> None:
+    """Of a camera that drops three frames: the line through all others passes a whole frame beside the first."""
+    steps = np.ones(199)
+    steps[[17, 33, 91]] = 2
+    times = np.cumsum(steps) - 1
+    texts = [f"{k + 1},{time / 30:.3f},0,0,0" for k, time in enumerate(times)]
+    (tmp_path / "some.csv").write_text("\n".join(["frame,timestamp,pose_Rx,pose_Ry,pose_Rz", *texts[rows]]))
+    assert read_pose_csv(tmp_path / "some.csv").first == first
+
+
 def test_frames_that_may_be_counted_from_zero_or_one_are_warned_of(tmp_path: Path) -> None:
     root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", [f"{i},0,0,0" for i in (1, 3)])
     with pytest.warns(MienWarning, match=r"mine\.csv has no row of the frame 0"):

@@ -27,9 +27,9 @@ from mien.output.columns import ROTATION, TRANSLATION
 
 _LARGEST_RAD = 2 * math.pi + 1e-6
 _CLOSING = ("eyes_closed", "eyes_closed_sd")
-_TIME_SD, _CLOSE = 7e-4, 0.25
-"""Error of a time in seconds, as most are rounded to milliseconds, and the error in frames with which the times still
-say how frames are numbered."""
+_TIME_SD, _CLOSE, _EVEN = 7e-4, 0.25, 0.5
+"""Error of a time in seconds, as most are rounded to milliseconds; the error in frames with which the times still say
+how frames are numbered; and by how many frames at most one lies beside a line, if they come at an even rate."""
 
 
 @dataclass(frozen=True)
@@ -134,15 +134,17 @@ def _require_plausible(path: Path, angles: Array | None, landmarks: Array | None
 
 def _rate_and_first(frame: Array, time: Array) -> tuple[float | None, int | None]:
     """Frames per second, and the number of the frame at time zero, 0 or 1, by the times (n,) of the frames (n,) in
-    seconds; None if they do not say."""
+    seconds: that of its own row or, at an even rate, by a line through the others; None if they do not say."""
     frame, time = frame[np.isfinite(time)], time[np.isfinite(time)]
     if len(set(time.tolist())) < 2 or len(set(frame.tolist())) < 2:
         return None, None
     (rate, at_zero), covariance = np.polyfit(time, frame, 1, cov="unscaled")
     sd = _TIME_SD * abs(rate) * math.sqrt(covariance[1, 1])
-    nearest = round(float(at_zero))
-    first = nearest if nearest in (0, 1) and max(abs(at_zero - nearest), 3 * sd) < _CLOSE else None
-    return float(rate), first
+    of_zero, nearest = frame[np.abs(time) < _TIME_SD], round(float(at_zero))
+    even = float(np.abs(frame - rate * time - at_zero).max()) < _EVEN
+    first = nearest if even and max(abs(at_zero - nearest), 3 * sd) < _CLOSE else None
+    first = int(of_zero[0]) if len(of_zero) else first
+    return float(rate), first if first in (0, 1) else None
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
