@@ -2,9 +2,9 @@
 
 PATH is a video with a CSV of the same name beside it, or a folder of such pairs. The columns are those of
 `mien.evaluation.pose_csv`: `frame`, `pose_Rx, pose_Ry, pose_Rz` in radians, `x_0, y_0, ..` in pixels. `frame` starts at
-0, or at 1, as in OpenFace, if no row has frame 0 and `timestamp` says so or, without times, the last frame equals the
-number of frames. Without `frame` there must be a row for every frame. Frames without a row, or with `success` 0, have
-no truth. The camera has the default field of view of 60 degrees unless a focal length is given.
+0, or at 1, as in OpenFace, if no row has frame 0 and `timestamp` says so or, if it says nothing, the last frame equals
+the number of frames. Without `frame` there must be a row for every frame. Frames without a row, or with `success` 0,
+have no truth. The camera has the default field of view of 60 degrees unless a focal length is given.
 """
 
 from __future__ import annotations
