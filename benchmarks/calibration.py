@@ -35,6 +35,7 @@ from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
 from mien.geometry.rotation import log
 from mien.tracking.realtime import RealtimeTracker, tracker, uncertainty
+from mien.tracking.realtime.solution import Pose
 from mien.tracking.realtime.uncertainty import Reference
 
 OTHERS = {
@@ -123,17 +124,18 @@ def noted(run: Run) -> Frames:
     made: list[tuple[Any, ...]] = []
 
     def state_covariance(
-        spread: Array, d2: Array, seen: float, R: Array, seen_from: Array, moved: Array, first: Reference,
-        relief_sd: float, lean: float, learned: float,
+        spread: Array, d2: Array, seen: float, pose: Pose, moved: Array, first: Reference,
+        relief_sd: float, lean: float, learned: float, layer: float,
     ) -> Array:  # fmt: skip
+        R, seen_from = pose.R, pose.seen_from
         misfit = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
-        without = (0.0, 0.0, learned)  # the shape's part
+        without = (0.0, 0.0, learned, layer)  # the shape's part
         no_axes = Reference(first.R, first.ray, np.zeros(3), first.covered)
         turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
         other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, *without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty.LEAST_SEEN)
         made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other))
-        return uncertainty.state_covariance(spread, d2, seen, R, seen_from, moved, first, relief_sd, lean, learned)
+        return uncertainty.state_covariance(spread, d2, seen, pose, moved, first, relief_sd, lean, learned, layer)
 
     true = run.truth.rotations
     assert true is not None

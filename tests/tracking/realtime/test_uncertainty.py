@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from warnings import catch_warnings, simplefilter
 
 import cv2
@@ -20,9 +22,11 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, log, ray_rotation
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.identity import familiarity
+from mien.tracking.realtime.solution import Pose
 from mien.tracking.realtime.uncertainty import (
-    ACROSS_SD,
+    ACROSS_MOVED_SD,
     ACROSS_TURNED_SD,
+    ALONG_MOVED_SD,
     AXES_SCALE,
     COARSE,
     FAR_COSINE,
@@ -32,6 +36,8 @@ from mien.tracking.realtime.uncertainty import (
     NOISE_SCALE,
     RELIEF_SCALE,
     SHARP,
+    THIN,
+    THIN_SCALE,
     TRANSLATION_SCALE,
     TURNED_SCALE,
     UNIT_SCALE,
@@ -50,7 +56,6 @@ from videos import frames_of, write_video
 RELIEF_SD = 0.1
 RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2
 SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
-ACROSS = np.diag([0.0] * 3 + [ACROSS_SD**2] * 2 + [0.0] * 7)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
 STILL = np.zeros(6)
@@ -69,12 +74,12 @@ def view(R: Array) -> Array:
 def covariance_of(
     R: Array = FACING, *, d2: Array = PERFECT, seen: float = 1.0, moved: Array = STILL, first: Reference = FIRST
 ) -> Array:
-    """Covariance (12, 12) of a head on the optical axis at R (3, 3); see `state_covariance`."""
-    return state_covariance(SPREAD, d2, seen, R, view(R), moved, first, RELIEF_SD)
+    """Covariance (12, 12) of a head on the optical axis, at a distance of 10, at R (3, 3); see `state_covariance`."""
+    return state_covariance(SPREAD, d2, seen, Pose(R, 10 * AHEAD, moved), moved, first, RELIEF_SD)
 
 
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
-    np.testing.assert_allclose(covariance_of(), NOISE + ACROSS)
+    np.testing.assert_allclose(covariance_of(), NOISE)
 
 
 def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model() -> None:
@@ -87,17 +92,19 @@ def test_landmarks_that_look_wrong_make_the_frame_less_certain_and_not_the_model
 def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does() -> None:
     half = covariance_of(seen=0.5)
     whole = covariance_of()
-    np.testing.assert_allclose(half - ACROSS, 2 * (whole - ACROSS), atol=1e-15)
+    np.testing.assert_allclose(half, 2 * whole, atol=1e-15)
     assert np.isfinite(covariance_of(d2=np.zeros(0), seen=0.0)).all()
 
 
 def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() -> None:
-    """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before."""
+    """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before;
+    and so is the place of the head, as a share of the distance along the view."""
     moved = np.array([0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
     still = covariance_of()
     expression = covariance_of(moved=moved)
     of_brows = np.array([0, 0, 0, 1, 0, 1]) * (0.5 * UNIT_SCALE) ** 2
-    np.testing.assert_allclose(expression - still, np.diag([0.0] * 6 + of_brows.tolist()), atol=1e-15)
+    of_place = (0.5 * np.array([ACROSS_MOVED_SD, ACROSS_MOVED_SD, 10 * ALONG_MOVED_SD])) ** 2
+    np.testing.assert_allclose(expression - still, np.diag([0.0] * 3 + [*of_place, *of_brows]), atol=1e-15)
 
 
 @given(head_rotations(), head_rotations())
@@ -179,6 +186,43 @@ def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Ar
     first = Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD)
     there = systematic_covariance(exp(v) @ R, view(R), first, RELIEF_SD)
     np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
+
+
+@pytest.mark.parametrize("pan", [0.2, 0.6])
+def test_a_thin_layer_of_landmarks_leaves_the_turn_open(pan: float) -> None:
+    """Half as thick as it should be: a share more of the turn; nothing of a roll, and nothing where it is thick."""
+    no_axes = Reference(FACING, AHEAD, np.zeros(3))
+
+    def sd(R: Array, layer: float) -> float:
+        return float(np.sqrt(np.trace(systematic_covariance(R, view(R), no_axes, 0.0, layer=layer))))
+
+    turned = rotation(0, pan, 0)
+    assert sd(turned, THIN / 2) == pytest.approx(THIN_SCALE * math.sin(pan))
+    assert sd(turned, THIN / 2) < sd(turned, THIN / 3) < sd(turned, 0.0)
+    assert sd(turned, THIN) == 0
+    assert sd(rotation(0, 0, pan), THIN / 2) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_layer_is_of_what_a_solution_rests_on() -> None:
+    """The depth of the face is less where a half of it weighs nothing, and nothing if a single landmark is left."""
+    tracker = RealtimeTracker()
+    tracker.initialize(small_motion().frames[0], face().landmarks, face().camera)
+    tracker.track(small_motion().frames[1])
+    person, view_from = tracker.person, tracker.axes.first.seen_from
+    depths = person.neutral @ view_from
+
+    def layer(weight: Array) -> float:
+        facing = np.full(len(depths), True)
+        solution: Any = SimpleNamespace(facing=facing, d2_without_noise=np.zeros(len(depths)), w=weight)
+        return person.layer(solution, 100.0, view_from)
+
+    assert layer(np.ones(len(depths))) == pytest.approx(depths.std())
+    deep = np.argsort(depths)[: len(depths) // 2]
+    weight = np.zeros(len(depths))
+    weight[deep] = 0.5
+    assert layer(weight) == pytest.approx(depths[deep].std())
+    assert layer(np.eye(len(depths))[0]) == pytest.approx(0, abs=1e-6)
+    assert layer(np.zeros(len(depths))) == 0
 
 
 def test_confidence_falls_with_the_spread_and_with_what_is_hidden() -> None:

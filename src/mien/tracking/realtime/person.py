@@ -137,6 +137,14 @@ class Person:
         camera."""
         return _masked_mean(self.adaptation.share(solution.pose.angles), solution.facing)
 
+    def layer(self, solution: Solution, most: float, view: Array) -> float:
+        """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests
+        on, by their weight: those that face the camera, are at most `most` away (see `Solution.seen`), and uncovered;
+        0 without any."""
+        seen = solution.facing & ~self.covers.covered & (solution.d2_without_noise <= most)
+        spread: float = _spread(self.neutral, view, solution.w, seen)
+        return spread
+
     def misplacement_variance(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
         no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
@@ -236,6 +244,21 @@ def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float,
             if of[i]:
                 means[i, k] += rate * (values[i] - means[i, k])
             means[i, k] = max(means[i, k], least)
+
+
+@kernel()
+def _spread(points: Any, direction: Any, weight: Any, of: Any) -> float:
+    """Standard deviation along a direction (3,) of those points (n, 3) that are `of` (n,), by weights (n,); 0 without
+    any."""
+    total, first, second = 1e-12, 0.0, 0.0
+    for i in range(weight.size):
+        if of[i]:
+            along = points[i, 0] * direction[0] + points[i, 1] * direction[1] + points[i, 2] * direction[2]
+            total += weight[i]
+            first += weight[i] * along
+            second += weight[i] * along * along
+    mean = first / total
+    return float(np.sqrt(max(second / total - mean * mean, 0.0)))
 
 
 def _masked_mean(values: Float32, of: Mask) -> float:

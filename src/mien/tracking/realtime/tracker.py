@@ -327,9 +327,10 @@ class RealtimeTracker:
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
         shape, learned = self.person.shape, self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
+        layer = self.person.layer(solution, self.settings.recovery.seen_distance, self.axes.first.seen_from)
         covariance = state_covariance(
-            solution.step_covariance, d2, share, self.pose.R, self.pose.seen_from, moved, self.axes.first,
-            shape.relief_sd, math.hypot(*shape.lean.tolist()), learned,
+            solution.step_covariance, d2, share, self.pose, moved, self.axes.first,
+            shape.relief_sd, math.hypot(*shape.lean.tolist()), learned, layer,
         )  # fmt: skip
         if self.camera.focal_log_sd > 0:
             covariance[:6, :6] += focal_covariance(self.pose.t, self.axes.first.ray, self.camera.focal_log_sd)

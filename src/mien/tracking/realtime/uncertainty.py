@@ -23,7 +23,7 @@ from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.geometry.rotation import ray_rotation
 from mien.tracking.realtime.identity import logistic
-from mien.tracking.realtime.solution import largest_of_best
+from mien.tracking.realtime.solution import Pose, largest_of_best
 
 NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
@@ -42,6 +42,10 @@ LEARNED_SCALE = 0.1
 FAR_SCALE, FAR_COSINE = 0.9, math.cos(math.radians(50.0))
 """The same for a face that has turned further than 50 degrees, of which the first frame shows hardly anything: as a
 factor of how far the cosine of the turn is below that of 50 degrees. Fitted to modelled people."""
+THIN_SCALE, THIN = 0.6, 0.12
+"""The same where the landmarks that are seen lie in a thin layer across the first frame's view, as those of a cheek: as
+a factor of by how much, in parts, the standard deviation of their depths is below the second number, CANDIDE units.
+Fitted to rendered heads behind boards, and to modelled people."""
 GRAPHICS_SCALE = 0.35
 """The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
 are covered there. Fitted to rendered heads behind graphics."""
@@ -55,14 +59,19 @@ rates."""
 AXES_SCALE = np.array([1.1, 0.5, 0.8])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll, which errors in turns share with the
 lean."""
-TRANSLATION_SCALE, ACROSS_SD, ACROSS_TURNED_SD = 2.0, 0.0045, 0.03
-"""Factor of the standard deviations of the translation beyond that of the rotation; and, in CANDIDE units, the standard
-deviation of its constant error across the view, and of the error that a wrong relief adds, by the sine of the turn."""
+TRANSLATION_SCALE = 2.0
+"""Factor of the standard deviations of the translation beyond that of the rotation."""
+ACROSS_TURNED_SD, ACROSS_MOVED_SD, ALONG_MOVED_SD = 0.005, 0.01, 0.02
+"""Standard deviations of the error of the translation across the view, CANDIDE units, that a wrong relief adds, by the
+sine of the turn; and that an expression adds by how far the units have moved in all, across the view and, as a share of
+the distance, along it. Found with benchmarks/translation.py."""
 UNIT_SCALE = np.array([0.65, 0.35, 0.4, 0.5, 0.25, 0.65])
 """Standard deviation of the error of each unit in an expression, as a share of how far the mouth, or for their two
 units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
 far."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
+_LEAST_LAYER = 0.02
+"""Least standard deviation of depths, CANDIDE units: of a single landmark it is nothing."""
 LEAST_SEEN = 0.04
 """Share of a single landmark, taken where none is seen."""
 CONFIDENCE = (-6.2, -1.5)
@@ -120,30 +129,34 @@ def state_covariance(
     spread: Array,
     d2: Array,
     seen: float,
-    R: Array,
-    seen_from: Array,
+    pose: Pose,
     moved: Array,
     first: Reference,
     relief_sd: float,
     lean: float = 0.0,
     learned: float = 0.0,
+    layer: float = math.inf,
 ) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
-    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a rotation R (3, 3), with units that have moved by
-    `moved` (6,) since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first
-    frame's, a likewise, and t has the unit of length of the fitted face. seen_from, relief_sd, lean, learned: see
+    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a pose whose units have moved by `moved` (6,)
+    since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first frame's, a
+    likewise, and t has the unit of length of the fitted face. relief_sd, lean, learned, layer: see
     `systematic_covariance`."""
-    across = ACROSS_SD**2 + ACROSS_TURNED_SD**2 * max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
-    systematic = systematic_covariance(R, seen_from, first, relief_sd, lean, learned)
+    seen_from, expression = pose.seen_from, float(moved @ moved)
+    turned = max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
+    across = ACROSS_TURNED_SD**2 * turned + ACROSS_MOVED_SD**2 * expression
+    along = (ALONG_MOVED_SD * float(pose.t[2])) ** 2 * expression
+    systematic = systematic_covariance(pose.R, seen_from, first, relief_sd, lean, learned, layer)
     own = first.vagueness * frame_variance(d2, seen)
-    covariance: Array = _total_covariance(own, spread, across, systematic, moved)
+    covariance: Array = _total_covariance(own, spread, across, along, systematic, moved)
     return covariance
 
 
 @kernel()
-def _total_covariance(variance: float, spread: Any, across: float, systematic: Any, moved: Any) -> Any:
+def _total_covariance(variance: float, spread: Any, across: float, along: float, systematic: Any, moved: Any) -> Any:
     """Covariance (12, 12): a frame's own, with the scale of the translation, and the systematic errors: of the
-    translation, per axis across the view, of the rotation (3, 3), and of units that have moved by `moved` (6,)."""
+    translation, per axis across the view and along it, of the rotation (3, 3), and of units that have moved by `moved`
+    (6,)."""
     out = np.empty(spread.shape)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -153,6 +166,7 @@ def _total_covariance(variance: float, spread: Any, across: float, systematic: A
             out[i, j] += systematic[i, j]
     out[3, 3] += across
     out[4, 4] += across
+    out[5, 5] += along
     for k in range(6):
         for j in range(6):
             if MOVES_MOUTH[j] == MOVES_MOUTH[k]:
@@ -181,7 +195,13 @@ def frame_variance(d2: Array, seen: float) -> float:
 
 
 def systematic_covariance(
-    R: Array, seen_from: Array, first: Reference, relief_sd: float, lean: float = 0.0, learned: float = 0.0
+    R: Array,
+    seen_from: Array,
+    first: Reference,
+    relief_sd: float,
+    lean: float = 0.0,
+    learned: float = 0.0,
+    layer: float = math.inf,
 ) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
     head's axes. seen_from: (3,) from where, `Pose.seen_from`.
@@ -194,12 +214,15 @@ def systematic_covariance(
     - lean: how far, in radians, the learned depths lean away from those of the first frame;
     - `first`: the first frame shows the face from the side, or graphics cover a part of it there;
     - learned: the share of the appearance that was learned in the turn, where the tracker believed the face to be;
+    - layer: the standard deviation of the depths, along the first frame's view, of the landmarks that are seen: in a
+      thin layer, errors of single depths turn the whole, instead of averaging;
     - a turn beyond 50 degrees, where the first frame shows next to nothing.
 
     With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
     far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
-    share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far)
+    thin = THIN_SCALE * max(THIN / max(layer, _LEAST_LAYER) - 1, 0.0)
+    share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far, thin)
     covariance: Array = _of_relief_and_axes(R, seen_from, first.R, first.seen_from, first.scaled_axes_sd, share)
     return covariance
 
