@@ -41,3 +41,15 @@ def test_arrays_of_an_estimate_cannot_be_written_to_and_those_of_its_tracker_can
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 0
     covariance[0, 0] = 2.0
+
+
+def test_an_estimate_stays_as_it_is_where_its_tracker_goes_on_in_its_own_arrays() -> None:
+    """Rows of a table are written many at a time."""
+    t, points = np.array([0.0, 0, 5]), np.zeros((1, 2))
+    estimate = Estimate(0, 0.0, Status.TRACKED, translation=t, landmarks=TrackedLandmarks(("nose_tip",), points))
+    t += 1
+    points += 1
+    assert estimate.translation is not None
+    assert estimate.translation.tolist() == [0, 0, 5]
+    assert estimate.landmarks is not None
+    assert not estimate.landmarks.image.any()

@@ -139,11 +139,11 @@ class Estimate:
 
 
 def _protect(value: object) -> None:
-    """Replace each array of a frozen value by a view that cannot be written to: a tracker may still need its own."""
+    """Replace each array of a frozen value by a copy that cannot be written to: a tracker may go on in its own."""
     fields = vars(value)
     for name, array in fields.items():
         if isinstance(array, np.ndarray):
-            fields[name] = array.view()
+            fields[name] = np.array(array)
             fields[name].setflags(write=False)
 
 
