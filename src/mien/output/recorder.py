@@ -21,6 +21,9 @@ from mien.tracking.state import Estimate
 
 BATCH = 256
 """Number of estimates that the recorder buffers in memory before it writes them to its file."""
+_MAPPED_BYTES = 1 << 24
+"""Size from which a table stays in the file: one that does holds the file open, of which a process may have a few
+hundred, and who tracks many videos may keep the tracks of all."""
 
 
 class Recorder:
@@ -76,15 +79,22 @@ class Recorder:
         return np.array(self._model_rotations).reshape(-1, 3, 3)
 
     def table(self) -> pa.Table:
-        """The table of all rows so far; they stay in the file and are read on demand."""
+        """The table of all rows so far; those of a long video stay in the file and are read on demand."""
         require(self.count > 0, "there is nothing to write, as no frame was tracked")
         self._flush()
-        content = pa.BufferReader(pa.py_buffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)))
+        content = pa.BufferReader(pa.py_buffer(self._content()))
         tables = []
         while content.tell() < content.size():
             tables.append(pa.ipc.open_stream(content).read_all())
         table = pa.concat_tables(tables, promote_options="default")
         return table.select(sort_columns(table.column_names))
+
+    def _content(self) -> bytes | mmap.mmap:
+        """What is in the file, which is then written on at its end."""
+        if self._file.tell() >= _MAPPED_BYTES:
+            return mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._file.seek(0)
+        return self._file.read()
 
     def _flush(self) -> None:
         """Each batch has its own schema, as the estimated quantities may change during a video."""
