@@ -54,11 +54,21 @@ def test_standard_error_comes_back_after_the_last_of_those_who_silenced_it(monke
     one.__enter__()
     other.__enter__()
     one.__exit__(None, None, None)
-    assert os.fstat(2).st_ino == os.stat(os.devnull).st_ino
+    assert os.fstat(2).st_ino != before
     print("Python's own words", file=sys.stderr)
     other.__exit__(None, None, None)
     assert os.fstat(2).st_ino == before
     assert sys.stderr is sys.__stderr__
+
+
+def test_of_standard_error_only_the_log_of_the_networks_is_silenced(capfd: pytest.CaptureFixture[str]) -> None:
+    """Another thread may write there meanwhile, through a handler of `logging` that has kept it."""
+    with silenced():
+        os.write(2, b"W0000 00:00:1795817166.517954   15810 inference_feedback_manager.cc:114] Feedback manager\n")
+        os.write(2, b"INFO:app:the driver is here\nINFO: Created TensorFlow Lite XNNPACK delegate for CPU.\n")
+        os.write(2, b"WARNING: All log messages before absl::InitializeLog() is called are written to STDERR\n")
+        os.write(2, b"WARNING:app:the driver has gone\n")
+    assert capfd.readouterr().err == "INFO:app:the driver is here\nWARNING:app:the driver has gone\n"
 
 
 def test_standard_error_is_the_programs_own_while_it_gives_the_next_frame() -> None:

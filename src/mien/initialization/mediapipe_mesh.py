@@ -5,7 +5,9 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
+import re
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from functools import cache
@@ -93,8 +95,15 @@ class _LazyModule(ModuleType):
         return getattr(import_module(self.__name__), name)
 
 
+_NATIVE_LOG = re.compile(
+    rb"^(?:[IWEF]\d{4,8} [\d:.]+ +\d+ \S+:\d+\] |INFO: .*TensorFlow Lite|WARNING: All log messages before absl).*\n?",
+    re.MULTILINE,
+)
+"""A line of MediaPipe's log."""
+
+
 class _NativeLogFilter:
-    """Context manager that discards what MediaPipe logs to standard error from C++, and keeps what Python writes there.
+    """Context manager that discards what MediaPipe logs to standard error from C++, and keeps what others write there.
 
     The process has one standard error, so all threads share the filter: it is active while any of them needs it.
     """
@@ -105,7 +114,7 @@ class _NativeLogFilter:
     def __enter__(self) -> None:
         with self.lock:
             if self.users == 0:
-                self.active.enter_context(_native_stderr_discarded())
+                self.active.enter_context(_native_log_discarded())
             self.users += 1
 
     def __exit__(self, *raised: object) -> None:
@@ -124,17 +133,19 @@ def silenced() -> _NativeLogFilter:
 
 
 @contextlib.contextmanager
-def _native_stderr_discarded() -> Iterator[None]:
-    """Discard what native code writes to standard error; keep what Python writes."""
+def _native_log_discarded() -> Iterator[None]:
+    """Hold back what is written to standard error, and discard the native log in it. What Python writes to `sys.stderr`
+    is not held back, but others may have kept that as it was before, as a handler of `logging` does."""
     try:
         os.fstat(2)
-    except OSError:  # there is no standard error
+        held = tempfile.TemporaryFile()  # noqa: SIM115 - closed below
+    except OSError:  # there is no standard error, or no place for the file
         yield
         return
     screen = _screen()
     os.dup2(2, screen.fileno(), inheritable=False)
-    own, null = sys.stderr, os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
+    own = sys.stderr
+    os.dup2(held.fileno(), 2)
     if own is sys.__stderr__:
         sys.stderr = screen
     try:
@@ -143,7 +154,10 @@ def _native_stderr_discarded() -> Iterator[None]:
         sys.stderr = own
         screen.flush()
         os.dup2(screen.fileno(), 2)
-        os.close(null)
+        with held, contextlib.suppress(OSError):  # nobody may read it any more
+            held.seek(0)
+            screen.buffer.write(_NATIVE_LOG.sub(b"", held.read()))
+            screen.flush()
 
 
 @cache
