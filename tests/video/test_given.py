@@ -101,6 +101,15 @@ def test_camera_that_is_not_there() -> None:
     assert open_video("97").name == open_video(np.int64(97)).name == "camera 97"  # type: ignore[arg-type]
 
 
+def test_a_camera_that_gives_no_image_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that another program uses: a stream would end at once, without a word."""
+    device = Device([])
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    with pytest.raises(MienError, match="camera 0 gives no image"):
+        next(iter(open_video(0)))
+    assert device.released
+
+
 def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     device = Device(gradient(index) for index in range(3))
     monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)

@@ -51,6 +51,7 @@ class CameraDevice:
             for index in itertools.count():
                 success, image = device.read()
                 if not success:
+                    require(index > 0, f"camera {self.number} gives no image; check that no other program uses it")
                     return
                 now = perf_counter()
                 first = now if first is None else first
