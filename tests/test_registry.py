@@ -191,6 +191,7 @@ def test_an_estimate_belongs_to_its_frame() -> None:
         ({"landmarks": TrackedLandmarks((np.int64(3),), np.zeros((1, 2)))}, "the names .*3.*, which are not all text"),  # type: ignore[arg-type]
         ({"landmarks": TrackedLandmarks(("tip",), np.zeros(2))}, r"1 landmarks whose image is no array \(1, 2\)"),
         ({"landmarks": TrackedLandmarks(("tip",), np.zeros((1, 2)), np.zeros((2, 3)))}, "whose camera is no array"),
+        ({"landmarks": TrackedLandmarks(("tip",), [[1, 2]])}, r"image is no array \(1, 2\), but \[\[1, 2\]\]"),  # type: ignore[arg-type]
     ],
 )
 def test_what_a_tracker_of_ones_own_returns_is_checked(changes: dict[str, Any], message: str) -> None:

@@ -136,10 +136,8 @@ def _fault(estimate: Estimate) -> str | None:
         return "a rotation that belongs to a lost frame"
     for name, shape in _SHAPES.items():
         values = getattr(estimate, name)
-        if values is not None and not _is_finite(values, shape):
-            other = isinstance(values, np.ndarray) and values.shape != shape
-            found = f"one {values.shape}" if other else reprlib.repr(values)
-            return f"no array {shape} of finite numbers as {name}, but {found}"
+        if values is not None and not (_is_array(values, shape) and np.isfinite(values).all()):
+            return f"no array {shape} of finite numbers as {name}, but {_found(values, shape)}"
     if estimate.covariance is not None and np.diag(estimate.covariance).min() < 0:
         return f"a covariance with the negative variance {np.diag(estimate.covariance).min():g}"
     return None if estimate.landmarks is None else _fault_of_landmarks(estimate.landmarks)
@@ -152,19 +150,21 @@ def _fault_of_landmarks(landmarks: TrackedLandmarks) -> str | None:
         return f"landmarks with the names {reprlib.repr(tuple(landmarks.names))}, which are not all text"
     for name, shape in (("image", (n, 2)), ("camera", (n, 3)), ("visibility", (n,))):
         values = getattr(landmarks, name)
-        if np.shape(values) != shape and (values is not None or name == "image"):
-            return f"{n} landmarks whose {name} is no array {shape}, but one {np.shape(values)}"
+        if not _is_array(values, shape) and (values is not None or name == "image"):
+            return f"{n} landmarks whose {name} is no array {shape}, but {_found(values, shape)}"
     return None
 
 
-def _is_finite(values: object, shape: tuple[int, ...]) -> bool:
-    """Whether this is an array of this shape, of finite numbers."""
-    return (
-        isinstance(values, np.ndarray)
-        and values.shape == shape
-        and values.dtype.kind in "iuf"
-        and bool(np.isfinite(values).all())
-    )
+def _is_array(values: object, shape: tuple[int, ...]) -> bool:
+    """Whether this is an array of this shape, of numbers."""
+    return isinstance(values, np.ndarray) and values.shape == shape and values.dtype.kind in "iuf"
+
+
+def _found(values: object, shape: tuple[int, ...]) -> str:
+    """What is there instead of an array of this shape."""
+    if isinstance(values, np.ndarray) and values.shape != shape:
+        return f"one {values.shape}"
+    return reprlib.repr(values)
 
 
 def file_of(name: str) -> Path | None:
