@@ -317,6 +317,14 @@ def test_without_pandas_the_remedy_is_named(track: Track, monkeypatch: pytest.Mo
         Track(NoPandas()).to_pandas()
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.int64])
+def test_recorder_joins_batches_whose_numbers_are_of_different_types(kind: type) -> None:
+    """As of a tracker of one's own that begins with what a network has said, and filters it later."""
+    first = [replace(estimate(i), animation=np.zeros(6, kind)) for i in range(BATCH)]
+    track = Track.from_estimates([*first, estimate(BATCH)])
+    assert track.table.schema.field("jaw_drop").type == pa.float64()
+
+
 def test_recorder_joins_batches_whose_columns_differ(tmp_path: Path) -> None:
     with Recorder(tmp_path / "out.csv") as recorder:
         for i in range(BATCH):

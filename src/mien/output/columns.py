@@ -245,7 +245,7 @@ def _columns(groups: Sequence[_Group], estimates: Sequence[Estimate]) -> dict[st
         if count == 0:
             continue
         empty = np.full(count, np.nan)
-        matrix = np.round([empty if r is None else r for r in rows], group.decimals)
+        matrix = np.round(np.array([empty if r is None else r for r in rows], float), group.decimals)
         for k, name in enumerate(group.column_names(count)):
             # A numbered group is there as a whole: without one of its columns the others would be misread.
             if not np.isnan(matrix[:, k] if name in _STEMS else matrix).all():
