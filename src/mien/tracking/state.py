@@ -71,13 +71,15 @@ class Closing:
 class Estimate:
     """What a tracker knows after one frame. A lost face has status LOST and no rotation. Estimates compare by identity.
 
-    index, time (seconds): of the frame; rotation: (3, 3) head -> camera; translation: (3,) CANDIDE units, camera axes;
-    animation: (6,) in the order of `TRACKED_UNITS`; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in
-    camera axes that corrects what has turned since the first frame, whose own error is not in it; landmarks: see
-    `TrackedLandmarks`; confidence in [0, 1]: the probability that the rotation is right to 5 degrees; mm_per_unit:
-    millimetres per CANDIDE unit; reason: why the face is lost; closing: how far the eyes have closed; model_rotation:
-    (3, 3) from the axes of the model, which stay while those of the head are learned, to the camera's. What a tracker
-    does not estimate is None, and no array can be written to.
+    index, time: of the frame, in seconds; rotation: (3, 3) from head axes (x to its own left, y up, z out of the face)
+    to camera axes (x right, y down, z away); translation: (3,) CANDIDE units, camera axes; animation: (6,) in the order
+    of `EXPRESSION_NAMES`, without the last; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera
+    axes that corrects what has turned since the first frame, whose own error is not in it; landmarks: `image` (n, 2) in
+    pixels, `camera` (n, 3) in CANDIDE units, `visibility` (n,), and their `names`, see `TrackedLandmarks`; confidence
+    in [0, 1]: the probability that the rotation is right to 5 degrees; mm_per_unit: millimetres of a CANDIDE unit;
+    reason: why the face is lost; closing: `share` and `sd` of how far the eyes have closed, see `Closing`;
+    model_rotation: (3, 3) from the axes of the model, which stay while those of the head are learned, to the camera's.
+    What a tracker does not estimate is None, and no array can be written to.
     """
 
     index: int
