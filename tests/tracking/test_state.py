@@ -32,6 +32,10 @@ def test_one_line_tells_of_an_estimate() -> None:
     assert repr(Estimate(0, 0.0, Status.LOST)) == "<Estimate of frame 0 at 0.00 s: lost>"
 
 
+def test_a_status_is_written_as_in_tables() -> None:
+    assert f"{Status.LOST}" == str(Status.LOST) == Status.LOST.value == "lost"
+
+
 def test_arrays_of_an_estimate_cannot_be_written_to_and_those_of_its_tracker_can() -> None:
     estimate, covariance = _estimate(), np.eye(12)
     for value in (estimate, replace(estimate, covariance=covariance), estimate.landmarks):

@@ -31,6 +31,8 @@ class Status(str, Enum):
     RECOVERED = "recovered"
     LOST = "lost"
 
+    __str__ = str.__str__  # as in tables; what Python would write differs from version to version
+
     @property
     def success(self) -> bool:
         """Whether the frame has the face."""
