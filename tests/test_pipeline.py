@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from pydantic import BaseModel
@@ -34,7 +35,7 @@ from mien.tracking.state import Estimate, Status
 from mien.video import open_video
 from own_trackers import use_tracker
 from small_motion import face
-from videos import portrait_images, write_images, write_video
+from videos import Device, portrait_images, write_images, write_video
 
 
 class StillTracker:
@@ -116,6 +117,22 @@ def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, t
     np.testing.assert_allclose(track.time, np.arange(6) / 30, atol=1e-6)
     assert track.metadata["video"]["name"] == "the frames"
     assert track.metadata["stopped"] == "OSError: the camera was unplugged"
+
+
+def test_a_camera_is_free_again_though_the_error_that_ended_it_is_kept(
+    tracker: StillTracker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Python and Jupyter keep the last one: else nothing could be tracked before it a second time."""
+    device = Device(portrait_images())
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+
+    def stop(estimate: Estimate, count: int | None) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as kept:
+        mien.track(0, landmarks=face().landmarks, progress=stop)
+    assert kept.tb is not None
+    assert device.released
 
 
 @pytest.mark.parametrize(("pan_deg", "warned"), [(10, False), (25, True)])

@@ -7,7 +7,7 @@ track.to_pandas()
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from functools import partial
 from numbers import Integral
 from pathlib import Path
@@ -79,7 +79,7 @@ def track(
     check_passes(passes, footage.video, tracker, preset)
     check_mesh(files, tracker, preset)
     report = reporter(progress, footage, passes)
-    with Window(footage.video.name) if show else nullcontext() as window:
+    with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
         begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
         for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
             files.write(result)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
@@ -38,13 +38,20 @@ class Footage:
     start: float | None = None
     end: float | None = None
     fps: float | None = None
+    _read: list[Generator[Frame, None, None]] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_options(self)
 
     def frames(self) -> Iterator[Frame]:
         """The frames of this part, decoded from the beginning; see `select`."""
-        return select(self.video, self.start, self.end)
+        self._read.append(select(self.video, self.start, self.end))
+        return self._read[-1]
+
+    def close(self) -> None:
+        """End the reading of frames: an error that somebody keeps would keep a camera open."""
+        for frames in self._read:
+            frames.close()
 
     @property
     def frame_count(self) -> int | None:

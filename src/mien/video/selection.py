@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 from mien.errors import require
 from mien.frame import Frame
@@ -23,7 +23,7 @@ def check_interval(start: float | None, end: float | None) -> None:
     require(start is None or end is None or start < end, f"the start {start} s must come before the end {end} s")
 
 
-def select(video: Video, start: float | None = None, end: float | None = None) -> Iterator[Frame]:
+def select(video: Video, start: float | None = None, end: float | None = None) -> Generator[Frame, None, None]:
     """The frames in the half-open interval `start <= time < end` (seconds), with their indices in the whole video; a
     frame is at its time stamp also as tables round it.
 
