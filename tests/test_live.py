@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Generator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_origin, get_type_hints
 
 import cv2
 import numpy as np
@@ -23,6 +26,7 @@ from mien.start import search
 from mien.tracking.state import Estimate, Status
 from mien.video import FOLDER_FPS
 from small_motion import face
+from videos import Device, gradient
 
 FRAMES = 30
 SEEN = range(3, 10)
@@ -117,6 +121,17 @@ def test_estimates_come_before_the_next_frame_is_asked_for(folder: Path) -> None
     for path in sorted(folder.iterdir())[5:]:
         path.unlink()
     assert next(estimates)[1].index == 0
+
+
+def test_a_stream_can_be_closed_which_frees_the_camera(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And type checkers know that, as of `contextlib.closing`."""
+    device = Device([gradient(0)] * 9)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    with closing(mien.stream(0)) as estimates:
+        assert next(estimates)[1].index == 0
+        assert not device.released
+    assert device.released
+    assert get_origin(get_type_hints(mien.stream)["return"]) is Generator
 
 
 def test_a_lost_face_is_not_given_up_unless_asked(folder: Path) -> None:

@@ -7,7 +7,7 @@ for frame, estimate in mien.stream(0):
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from numbers import Real
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def stream(
     fov_deg: float | None = None,
     face: Point | None = None,
     anew_after: float = math.inf,
-) -> Iterator[tuple[Frame, Estimate]]:
+) -> Generator[tuple[Frame, Estimate], None, None]:
     """Yield every frame of a camera (its number), a video file, a folder of images or an iterable of `mien.Frame` with
     its estimate, as soon as it is available.
 
@@ -46,7 +46,8 @@ def stream(
     into the camera or, after three seconds of waiting, as it is. face: a point of the image, in pixels, where the face
     must be that is learned, as of one of two people; by default the largest.
     anew_after: seconds after which a face that is lost, or looks like someone else's, is given up and any face then in
-    view is learned instead; its first estimate has the status INITIALIZED.
+    view is learned instead; its first estimate has the status INITIALIZED. What it returns has a `close`, which frees
+    the camera, as the end of the loop does.
 
     Raises MienError for bad input, and if the first face cannot be learned, as with a wrong focal length; where a later
     one cannot, it is lost, with the reason.
@@ -59,7 +60,7 @@ def stream(
     return _interruptible(_stream(footage, preset, first, face, anew_after))
 
 
-def _interruptible(estimates: Iterator[tuple[Frame, Estimate]]) -> Iterator[tuple[Frame, Estimate]]:
+def _interruptible(estimates: Iterator[tuple[Frame, Estimate]]) -> Generator[tuple[Frame, Estimate], None, None]:
     """The estimates; raises KeyboardInterrupt even if interrupted inside a compiled function."""
     try:
         yield from estimates
