@@ -34,6 +34,15 @@ def test_the_variant_has_168_surfaces_and_no_iris() -> None:
     assert not np.isin(model.triangles, range(67, 75)).any()
 
 
+@pytest.mark.parametrize("surfaces", [184, 168])
+def test_the_model_that_trackers_have_cannot_be_written_to(surfaces: int) -> None:
+    """As by a program that wants its triangles counted from one, or its vertices in millimetres."""
+    model = Candide.default(surfaces)
+    for array in (model.vertices(), model.triangles, model.shape_units, model.animation_units):
+        with pytest.raises(ValueError, match="read-only"):
+            array += 1
+
+
 def test_other_variants_are_refused() -> None:
     with pytest.raises(MienError, match="184 or 168"):
         Candide.default(100)

@@ -60,10 +60,13 @@ class Candide:
     @staticmethod
     @cache
     def default(surfaces: int = 184) -> Candide:
-        """The built-in model with 184 surfaces, or with the 168 of version 3.1.3, which has no eyeballs."""
+        """The built-in model with 184 surfaces, or with the 168 of version 3.1.3, which has no eyeballs. Trackers have
+        the same, so its arrays cannot be written to: work on copies."""
         require(surfaces in (184, 168), f"CANDIDE-3 has 184 or 168 surfaces, not {surfaces}")
-        model = _load_tables()
-        return model if surfaces == 184 else _close_eyes(model)
+        model = _load_tables() if surfaces == 184 else _close_eyes(_load_tables())
+        for array in (model.mean, model.triangles, model.shape_units, model.animation_units):
+            array.setflags(write=False)
+        return model
 
     def vertices(self, sigma: Array | None = None, alpha: Array | None = None) -> Array:
         """`gbar + S sigma + A alpha` of Eq. (1): (K,), (L,) -> (V, 3) in head axes."""
