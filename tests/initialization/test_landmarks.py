@@ -25,6 +25,13 @@ def _spread(size: float = 100.0, corner: tuple[float, float] = (50, 60)) -> Land
     return Landmarks(points + corner, "candide26", source="face.json")
 
 
+def test_landmarks_stay_as_they_are_where_a_program_goes_on_in_its_array() -> None:
+    points = _spread().points.copy()
+    landmarks = Landmarks(points, "candide26")
+    points += 1
+    np.testing.assert_array_equal(landmarks.points, _spread().points)
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_correspondences_pick_rows(scheme: str) -> None:
     """Each point stands for its own row, so that it is seen which were picked; roots, so that no middle of two of

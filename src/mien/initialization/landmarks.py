@@ -168,7 +168,7 @@ class Landmarks:
         for name in ("points", "depths"):
             if getattr(self, name) is not None:
                 try:
-                    object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+                    object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
                 except (TypeError, ValueError) as error:
                     raise MienError(f"{self.source}: the {name} are not numbers ({error})") from error
         require(self.scheme in SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
