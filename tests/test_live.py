@@ -249,8 +249,9 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     for wrong in (np.nan, -1.0, "2", None):
         with pytest.raises(MienError, match="anew_after is"):
             mien.stream(tmp_path, anew_after=wrong)  # type: ignore[arg-type]
-    with pytest.raises(MienError, match="give a point"):
-        mien.stream(tmp_path, face=7)  # type: ignore[arg-type]
+    for nowhere in (7, (None, None), ([1.0], 2.0)):
+        with pytest.raises(MienError, match="give a point"):
+            mien.stream(tmp_path, face=nowhere)  # type: ignore[arg-type]
     with pytest.raises(MienError, match="no such file"):
         mien.stream(tmp_path / "missing.mp4")
     with pytest.raises(MienError, match="unknown tracker"):

@@ -190,7 +190,10 @@ def _check_fit(landmarks: Landmarks, camera: Camera) -> None:
 
 def as_point(face: Point) -> Point:
     """A point as plain numbers. Raises MienError if it is none."""
-    valid = np.shape(face) == (2,) and bool(np.isfinite(face).all())
+    try:
+        valid = np.shape(face) == (2,) and bool(np.isfinite(face).all())
+    except (TypeError, ValueError):  # something in it is no number
+        valid = False
     require(valid, f"face is {face!r}; give a point in the image as two pixel coordinates")
     return float(face[0]), float(face[1])
 
