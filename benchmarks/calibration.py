@@ -84,6 +84,7 @@ class Frames:
     relief_sd: Array
     lean: Array
     other: Array
+    tilted: Array
 
     def every(self, step: int) -> Frames:
         return Frames(*(values[::step] for values in vars(self).values()))
@@ -93,7 +94,8 @@ class Frames:
         noise, misfit, relief, lean, *axes = factors
         own = noise**2 * (1 + self.misfit / misfit)[:, None] * np.diagonal(self.spread, axis1=1, axis2=2)
         share = (relief * self.relief_sd) ** 2 + (lean * self.lean) ** 2 + self.other
-        return np.asarray(own + share[:, None] * self.turn**2 + ((self.axes * axes) ** 2).sum(axis=2))
+        of_axes = ((self.axes * axes) ** 2).sum(axis=2)
+        return np.asarray(own + share[:, None] * self.turn**2 + of_axes + self.tilted)
 
 
 def now() -> Array:
@@ -134,7 +136,8 @@ def noted(run: Run) -> Frames:
         turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
         other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, *without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty.LEAST_SEEN)
-        made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other))
+        tilted = (uncertainty.TILT_MOVED_SD * R[:, 0]) ** 2 * (moved @ moved)
+        made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other, tilted))
         return uncertainty.state_covariance(spread, d2, seen, pose, moved, first, relief_sd, lean, learned, layer)
 
     true = run.truth.rotations

@@ -38,6 +38,7 @@ from mien.tracking.realtime.uncertainty import (
     SHARP,
     THIN,
     THIN_SCALE,
+    TILT_MOVED_SD,
     TRANSLATION_SCALE,
     TURNED_SCALE,
     UNIT_SCALE,
@@ -98,13 +99,14 @@ def test_half_the_landmarks_leave_twice_the_variance_that_their_information_does
 
 def test_an_expression_makes_the_units_of_its_part_of_the_face_less_certain() -> None:
     """The brows move by 0.5 in all: their two units are uncertain by that share of it, those of the mouth as before;
-    and so is the place of the head, as a share of the distance along the view."""
+    and so are the tilt and the place of the head, as a share of the distance along the view."""
     moved = np.array([0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
     still = covariance_of()
     expression = covariance_of(moved=moved)
     of_brows = np.array([0, 0, 0, 1, 0, 1]) * (0.5 * UNIT_SCALE) ** 2
     of_place = (0.5 * np.array([ACROSS_MOVED_SD, ACROSS_MOVED_SD, 10 * ALONG_MOVED_SD])) ** 2
-    np.testing.assert_allclose(expression - still, np.diag([0.0] * 3 + [*of_place, *of_brows]), atol=1e-15)
+    of_head = [(0.5 * TILT_MOVED_SD) ** 2, 0, 0, *of_place]
+    np.testing.assert_allclose(expression - still, np.diag([*of_head, *of_brows]), atol=1e-15)
 
 
 @given(head_rotations(), head_rotations())
@@ -186,6 +188,13 @@ def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Ar
     first = Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD)
     there = systematic_covariance(exp(v) @ R, view(R), first, RELIEF_SD)
     np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
+
+
+def test_an_expression_makes_the_tilt_about_the_heads_own_axis_less_certain() -> None:
+    R = rotation(0, 0, 0.5)
+    no_axes = Reference(R, AHEAD, np.zeros(3))
+    covariance = systematic_covariance(R, view(R), no_axes, 0.0, expression=0.25)
+    np.testing.assert_allclose(covariance, (0.5 * TILT_MOVED_SD) ** 2 * np.outer(R[:, 0], R[:, 0]), atol=1e-12)
 
 
 @pytest.mark.parametrize("pan", [0.2, 0.6])

@@ -80,7 +80,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (level._bilinear_lookup, (_single(3), (_array(1), _array(1)), _array(1))),
     (definite._inverse, (_array(2),)),
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, 0.0, _array(2), _array(1))),
-    (uncertainty._of_relief_and_axes, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0)),
+    (uncertainty._of_model, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0, 0.0)),
     (level._nearest, (_array(1), 0.0)),
     (motion.align,
      (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, _array(1), 1, 0.0)),

@@ -59,6 +59,9 @@ rates."""
 AXES_SCALE = np.array([1.1, 0.5, 0.8])
 """Factors of the standard deviations of the head's axes in tilt, pan and roll, which errors in turns share with the
 lean."""
+TILT_MOVED_SD = 0.012
+"""Standard deviation in radians of the error of the tilt that an expression adds, by how far the units have moved in
+all: a jaw that drops looks much like a nod. Found on the rendered heads and on modelled people."""
 TRANSLATION_SCALE = 2.0
 """Factor of the standard deviations of the translation beyond that of the rotation."""
 ACROSS_TURNED_SD, ACROSS_MOVED_SD, ALONG_MOVED_SD = 0.005, 0.01, 0.02
@@ -146,7 +149,7 @@ def state_covariance(
     turned = max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
     across = ACROSS_TURNED_SD**2 * turned + ACROSS_MOVED_SD**2 * expression
     along = (ALONG_MOVED_SD * float(pose.t[2])) ** 2 * expression
-    systematic = systematic_covariance(pose.R, seen_from, first, relief_sd, lean, learned, layer)
+    systematic = systematic_covariance(pose.R, seen_from, first, relief_sd, lean, learned, layer, expression)
     own = first.vagueness * frame_variance(d2, seen)
     covariance: Array = _total_covariance(own, spread, across, along, systematic, moved)
     return covariance
@@ -202,9 +205,11 @@ def systematic_covariance(
     lean: float = 0.0,
     learned: float = 0.0,
     layer: float = math.inf,
+    expression: float = 0.0,
 ) -> Array:
-    """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief and from the
-    head's axes. seen_from: (3,) from where, `Pose.seen_from`.
+    """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief, the head's
+    axes, and an expression. seen_from: (3,) from where, `Pose.seen_from`; expression: squared length of how far the
+    units have moved.
 
     A relief that is too deep along the first frame's view turns too little, about the axis that is perpendicular to
     both views: also where a head crosses the image without a rotation. The standard deviation of the share by which it
@@ -218,18 +223,21 @@ def systematic_covariance(
       thin layer, errors of single depths turn the whole, instead of averaging;
     - a turn beyond 50 degrees, where the first frame shows next to nothing.
 
-    With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d."""
+    With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d. An expression
+    that is not quite followed tilts the head."""
     far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
     thin = THIN_SCALE * max(THIN / max(layer, _LEAST_LAYER) - 1, 0.0)
     share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far, thin)
-    covariance: Array = _of_relief_and_axes(R, seen_from, first.R, first.seen_from, first.scaled_axes_sd, share)
+    tilted = TILT_MOVED_SD**2 * expression
+    covariance: Array = _of_model(R, seen_from, first.R, first.seen_from, first.scaled_axes_sd, share, tilted)
     return covariance
 
 
 @kernel()
-def _of_relief_and_axes(R: Any, seen_from: Any, R_first: Any, first_from: Any, axes_sd: Any, share: float) -> Any:
-    """`systematic_covariance`, with the share by which the turn is too large or too small."""
+def _of_model(R: Any, seen_from: Any, R_first: Any, first_from: Any, axes_sd: Any, share: float, tilted: float) -> Any:
+    """`systematic_covariance`, with the share by which the turn is too large or too small, and the variance of the tilt
+    by the expression."""
     out, turn = np.empty((3, 3)), np.zeros(3)
     for k in range(3):
         m, n = (k + 1) % 3, (k + 2) % 3
@@ -238,7 +246,7 @@ def _of_relief_and_axes(R: Any, seen_from: Any, R_first: Any, first_from: Any, a
             turn[i] += R[i, k] * across
     for i in range(3):
         for j in range(3):
-            out[i, j] = turn[i] * turn[j]
+            out[i, j] = turn[i] * turn[j] + tilted * R[i, 0] * R[j, 0]
             for k in range(3):
                 out[i, j] += (R[i, k] - R_first[i, k]) * (R[j, k] - R_first[j, k]) * axes_sd[k] * axes_sd[k]
     return out
