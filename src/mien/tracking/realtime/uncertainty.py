@@ -42,7 +42,7 @@ LEARNED_SCALE = 0.1
 FAR_SCALE, FAR_COSINE = 0.9, math.cos(math.radians(50.0))
 """The same for a face that has turned further than 50 degrees, of which the first frame shows hardly anything: as a
 factor of how far the cosine of the turn is below that of 50 degrees. Fitted to modelled people."""
-THIN_SCALE, THIN = 0.6, 0.12
+THIN_SCALE, THIN = 0.8, 0.09
 """The same where the landmarks that are seen lie in a thin layer across the first frame's view, as those of a cheek: as
 a factor of by how much, in parts, the standard deviation of their depths is below the second number, CANDIDE units.
 Fitted to rendered heads behind boards, and to modelled people."""
