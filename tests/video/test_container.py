@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +55,30 @@ def test_nothing_decodes(tmp_path: Path) -> None:
     path.write_bytes(content[: content.index(b"movi") + 4])
     with pytest.raises(MienError, match=r"header.avi: no frame .* empty, damaged, or of a kind .*; convert it"):
         list(open_video(path))
+
+
+def test_streams_that_begin_later_are_passed_over(tmp_path: Path) -> None:
+    """As further sound of a broadcast. FFmpeg does not see them when it opens the file: it looks through 5 MB."""
+    stuffing = (b"\x47\x1f\xff\x10" + bytes(184)) * 30000
+
+    def part(first: int, streams: int) -> bytes:
+        path = tmp_path / "part.ts"
+        with av.open(str(path), "w") as container:
+            added = [container.add_stream("mpeg2video", rate=25) for _ in range(streams)]
+            for stream in added:
+                stream.height, stream.width, stream.pix_fmt = 48, 64, "yuv420p"
+            for index, stream in itertools.product(range(first, first + 50), added):
+                frame = av.VideoFrame.from_ndarray(gradient(index), format="rgb24")
+                frame.pts, frame.time_base = index, Fraction(1, 25)
+                container.mux(stream.encode(frame))
+            for stream in added:
+                container.mux(stream.encode())
+        return path.read_bytes()
+
+    whole = tmp_path / "whole.ts"
+    whole.write_bytes(stuffing.join([part(0, 1), part(50, 9), part(100, 1)]))
+    assert len(frames_of(whole)) == 150
+    assert open_video(whole).in_order
 
 
 @pytest.mark.parametrize("content", [b"", b"hello\n" * 100, bytes(range(256)) * 40])

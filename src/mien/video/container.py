@@ -27,8 +27,9 @@ def open_container(path: Path) -> Any:
         container = av.open(os.path.abspath(path), metadata_errors="ignore")
     except (av.error.FFmpegError, OSError) as error:
         raise MienError(f"{path} cannot be read as a video ({reason_of(error)}); check or convert the file") from error
+    stream = shown_stream(container)
     # FFmpeg accepts any text file as the format "tty", terminal output.
-    if shown_stream(container) is None or container.format.name == "tty":
+    if stream is None or container.format.name == "tty":
         container.close()
         raise MienError(f"{path} is not a video; give a video file or a folder of images")
     return container
@@ -74,7 +75,7 @@ def packets_from(container: Any, begin: float | None = None) -> Iterator[Any]:
         if begin is not None:
             container.seek(math.floor(begin / stream.time_base), stream=stream)
         yield from container.demux(stream)
-    except av.error.EOFError:
+    except (av.error.EOFError, IndexError):  # at its end PyAV may stumble over streams that began after the first
         return
     except av.error.FFmpegError:
         yield None

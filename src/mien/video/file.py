@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import Any
 from mien.errors import require, warn
 from mien.frame import Decoded, Display, Frame
 from mien.video.clock import Clock
-from mien.video.container import decoded_images, open_container, shown_stream
+from mien.video.container import decoded_images, open_container, packets_from, shown_stream
 from mien.video.folder import FOLDER_FPS
 from mien.video.quantizer import quantizer_step
 from mien.video.scaling import same_size
@@ -64,15 +65,13 @@ class VideoFile:
         format allows it, the packets of the whole file are read once to find out."""
         if not self.may_jump:
             return True
-        import av
-
         with open_container(self.path) as container:
-            packets = container.demux(shown_stream(container))
-            times = (packet.dts for packet in packets if packet.dts is not None)
-            try:
-                return all(before <= after for before, after in itertools.pairwise(times))
-            except av.error.FFmpegError:
-                return False
+            last = -math.inf
+            for packet in packets_from(container):
+                if packet is None or (packet.dts is not None and packet.dts < last):
+                    return False
+                last = last if packet.dts is None else packet.dts
+            return True
 
     def between(self, begin: float, until: float) -> Iterator[Frame]:
         """The frames in the closed interval [begin, until] (seconds), without index and in their original size.
@@ -155,7 +154,8 @@ def _rate(container: Any, stream: Any) -> float:
     stated = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
     if stated <= _FASTEST:
         return stated
-    packets = itertools.islice(container.demux(stream), _FIRST_PACKETS)
-    times = sorted(float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None)
+    packets = itertools.islice(packets_from(container), _FIRST_PACKETS)
+    stamped = (packet for packet in packets if packet is not None and packet.pts is not None)
+    times = sorted(float(packet.pts * packet.time_base) for packet in stamped)
     steps = [later - before for before, later in itertools.pairwise(times) if later > before]
     return 1 / median(steps) if steps else stated
