@@ -81,6 +81,13 @@ def test_streams_that_begin_later_are_passed_over(tmp_path: Path) -> None:
     assert open_video(whole).in_order
 
 
+def test_a_codec_that_nobody_knows_is_told(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "x.avi", [gradient(0)])
+    path.write_bytes(path.read_bytes().replace(b"FFV1", b"zzzz"))
+    with pytest.raises(MienError, match=r"x.avi: the video is damaged, or of a kind .* not supported; convert it"):
+        open_video(path)
+
+
 @pytest.mark.parametrize("content", [b"", b"hello\n" * 100, bytes(range(256)) * 40])
 @pytest.mark.parametrize("name", ["x.mp4", "x.txt", "x"])
 def test_not_a_video(tmp_path: Path, content: bytes, name: str) -> None:

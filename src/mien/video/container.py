@@ -32,6 +32,9 @@ def open_container(path: Path) -> Any:
     if stream is None or container.format.name == "tty":
         container.close()
         raise MienError(f"{path} is not a video; give a video file or a folder of images")
+    if stream.codec_context is None:
+        container.close()
+        raise MienError(f"{path}: the video is damaged, or of a kind that is not supported; convert it to MP4")
     return container
 
 
