@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import av
 import pytest
 
 from mien.frame import Frame
-from mien.video.quantizer import quantizer_step
+from mien.video.quantizer import _logged, quantizer_step
 from videos import frames_of, gradient, portrait_images, write_video
 
 
@@ -83,6 +86,38 @@ def test_the_headers_of_vp8_and_av1_state_their_quantizers(codec: str, how: dict
     assert fine is not None
     assert coarse is not None
     assert 0.5 < fine < 0.5 * coarse < 60
+
+
+def test_headers_are_read_in_several_threads(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "x.mp4", portrait_images(8), codec="libx265", pix_fmt="yuv420p")
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as threads:
+            found = set(threads.map(quantizer_step, [path] * 40, [0.0] * 40))
+    finally:
+        sys.setswitchinterval(interval)
+        level = av.logging.get_level()
+        av.logging.set_level(None)
+    assert level is None
+    assert found == {_step(path)}
+
+
+@pytest.mark.parametrize(("level", "passed_on"), [(None, 0), (av.logging.ERROR, 1)])
+def test_what_other_threads_log_while_headers_are_read(
+    level: int | None, passed_on: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As those that decode a damaged file meanwhile: it is printed only if the program wants it."""
+    other = threading.Thread(target=av.logging.log, args=(av.logging.ERROR, "hevc", f"damaged {passed_on}"))
+    av.logging.set_level(level)
+    try:
+        with _logged() as lines:
+            other.start()
+            other.join()
+        assert not lines
+        assert len(caplog.records) == passed_on
+    finally:
+        av.logging.set_level(None)
 
 
 def test_reading_headers_leaves_the_log_as_it_was(tmp_path: Path) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -84,18 +85,25 @@ def _header_fields(container: Any, time: float) -> Iterator[tuple[str, int]]:
             yield from _fields_in(lines)
 
 
+_LOGGING = Lock()
+"""The level of the log is one for all threads: each would restore what another has set."""
+
+
 @contextmanager
 def _logged() -> Iterator[list[tuple[int, str, str]]]:
-    """What FFmpeg logs in this thread meanwhile: level, context and text."""
+    """What FFmpeg logs in this thread meanwhile: level, context and text. What it logs in others, as those that decode,
+    is discarded as before, unless a program wants it."""
     from av import logging
 
-    level = logging.get_level()
-    logging.set_level(logging.INFO)
-    try:
-        with logging.Capture() as lines:
-            yield lines
-    finally:
-        logging.set_level(level)
+    with _LOGGING:
+        level = logging.get_level()
+        others = logging.Capture(local=False) if level is None else nullcontext()
+        logging.set_level(logging.INFO)
+        try:
+            with others, logging.Capture() as lines:
+                yield lines
+        finally:
+            logging.set_level(level)
 
 
 def _fields_in(lines: list[tuple[int, str, str]]) -> Iterator[tuple[str, int]]:
