@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import av
+import numpy as np
 import pytest
 
 from mien.frame import Frame
@@ -86,6 +87,16 @@ def test_the_headers_of_vp8_and_av1_state_their_quantizers(codec: str, how: dict
     assert fine is not None
     assert coarse is not None
     assert 0.5 < fine < 0.5 * coarse < 60
+
+
+def test_an_image_in_several_slices_counts_once(tmp_path: Path) -> None:
+    found = []
+    for slices in (1, 4):
+        how = {"x265-params": f"slices={slices}:qp=30:ipratio=2:bframes=0:log-level=none"}
+        images = [np.tile(image, (2, 1, 1)) for image in portrait_images(8)]
+        path = write_video(tmp_path / "x.mp4", images, codec="libx265", pix_fmt="yuv420p", options=how)
+        found.append(_step(path))
+    assert found[0] == found[1] is not None
 
 
 def test_headers_are_read_in_several_threads(tmp_path: Path) -> None:

@@ -52,19 +52,21 @@ def _exported_steps(path: Path, time: float) -> Iterator[float]:
 
 
 def _header_steps(path: Path, time: float) -> Iterator[float]:
-    """The steps of images, or of slices of them, by the headers of a stream whose decoder exports none."""
+    """The steps of images, or of their first slices, by the headers of a stream whose decoder exports none."""
     import av
 
     with open_container(path) as container:
         step_of = _BY_HEADER.get(shown_stream(container).codec_context.codec.canonical_name)
         if step_of is None:
             return
-        usual = 0
+        usual, first = 0, True
         try:
             for name, value in _header_fields(container, time):
                 if name == "init_qp_minus26":
                     usual = 26 + value
-                elif name in _LEVELS:
+                elif name == "first_slice_segment_in_pic_flag":
+                    first = value == 1
+                elif name in _LEVELS and first:
                     yield step_of(usual + value)
         except av.error.FFmpegError:  # damaged, or an FFmpeg without the filter
             return
