@@ -43,6 +43,12 @@ def test_it_changes_with_the_video(tmp_path: Path) -> None:
     assert coarse > 5 * fine
 
 
+def test_a_key_frame_that_seeking_misses_is_found(tmp_path: Path) -> None:
+    """In a transport stream it leads to the next one, and here there is none."""
+    path = write_video(tmp_path / "x.ts", portrait_images(4), codec="mpeg2video", pix_fmt="yuv420p")
+    assert _step(path) == _step(path, 3) is not None
+
+
 @pytest.mark.parametrize(("codec", "suffix"), [("mpeg4", ".avi"), ("mpeg2video", ".mkv"), ("mpeg1video", ".mkv")])
 def test_mpeg_states_its_scale(codec: str, suffix: str, tmp_path: Path) -> None:
     for scale in (2, 12):

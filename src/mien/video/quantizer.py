@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -26,6 +26,9 @@ _HEADER = np.dtype(
 image. The fifth number of a block is by how much its own differs."""
 _IMAGES = 6
 """How many images are looked at: key frames are finer than the others, the more so the less moves."""
+_EARLIER_S = 10.0
+"""How many seconds earlier is looked where nothing is found: in some containers seeking leads to the next key frame,
+and there may be none. Key frames are mostly less apart."""
 _VP9, _H264, _MPEG = 0, 1, 2
 _FIELD = re.compile(r"(\w+) +[01]+ = (-?\d+)\s*$")
 """Name and value, at the end of a line of FFmpeg's filter `trace_headers`."""
@@ -35,10 +38,13 @@ def quantizer_step(path: Path, time: float) -> float | None:
     """The step, in grey values of 8 bits, to which the coefficients of a video were rounded about a time in seconds:
     the mean over the blocks of the key frame before it and of the next images. None where the stream does not say."""
     try:
-        steps = list(islice(_exported_steps(path, time), _IMAGES)) or list(islice(_header_steps(path, time), _IMAGES))
+        for begin, steps_from in product((time, time - _EARLIER_S), (_exported_steps, _header_steps)):
+            steps = list(islice(steps_from(path, begin), _IMAGES))
+            if steps:
+                return sum(steps) / len(steps)
     except MienError:  # the file is gone
         return None
-    return sum(steps) / len(steps) if steps else None
+    return None
 
 
 def _exported_steps(path: Path, time: float) -> Iterator[float]:
