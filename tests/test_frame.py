@@ -137,6 +137,18 @@ def test_of_an_interlaced_picture_the_upper_field_is_seen_where_it_is(
         np.testing.assert_allclose(picture.astype(int), expected.astype(int), atol=5)
 
 
+@pytest.mark.parametrize("space", ["bt2020c", "ycgco", "ictcp"])
+def test_a_colour_space_that_ffmpeg_does_not_convert_is_read_as_the_usual_one(space: str, tmp_path: Path) -> None:
+    pixels = []
+    for colormatrix in ("undef", space):
+        how = {"x264-params": f"colormatrix={colormatrix}"}
+        path = write_video(
+            tmp_path / "x.mp4", [gradient(0)], codec="libx264", pix_fmt="yuv420p", options=how, aspect=Fraction(2)
+        )
+        pixels.append(frames_of(path)[0].pixels)
+    np.testing.assert_array_equal(*pixels)
+
+
 def test_a_frame_goes_to_another_process(video: Path) -> None:
     frame = pickle.loads(pickle.dumps(frames_of(video)[3]))
     assert (frame.index, frame.time) == (3, pytest.approx(0.12, abs=1e-3))

@@ -158,6 +158,8 @@ class Decoded:
         height, width = self._size_with_square_pixels
         rows = int(self.image.height) if self.interlaced else height  # scaling would mix the fields
         with _converting:
+            if self.image.colorspace not in _CONVERTED:
+                self.image.colorspace = _UNSPECIFIED
             converted = self.display.converter.reformat(self.image, width, rows, format="rgb24")
         pixels = self._of_one_moment(np.asarray(converted.to_ndarray(), np.uint8))
         if rows != height:
@@ -244,6 +246,9 @@ def _check(pixels: object) -> None:
     )
 
 
+_CONVERTED, _UNSPECIFIED = (0, 1, 2, 4, 5, 6, 7, 9), 2
+"""Colour spaces that FFmpeg converts to RGB, by their numbers in ITU-T H.273. It refuses others, such as YCgCo, ICtCp
+and reserved numbers: read as the usual one, their colours are wrong, but their brightness nearly right."""
 _converting = threading.Lock()
 """Frames of one video share a `Display` and may be converted in different threads."""
 
