@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from mien.frame import Frame
+from mien.video import quantizer
 from mien.video.quantizer import _logged, quantizer_step
 from videos import frames_of, gradient, portrait_images, write_video
 
@@ -103,6 +104,15 @@ def test_an_image_in_several_slices_counts_once(tmp_path: Path) -> None:
         path = write_video(tmp_path / "x.mp4", images, codec="libx265", pix_fmt="yuv420p", options=how)
         found.append(_step(path))
     assert found[0] == found[1] is not None
+
+
+def test_an_image_of_hevc_has_the_parameter_set_that_it_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As from encoders that keep several: 26 + 4 + 2 is the first's level."""
+    path = write_video(tmp_path / "x.mp4", portrait_images(2), codec="libx265", pix_fmt="yuv420p")
+    sets = [("pps_pic_parameter_set_id", 0), ("init_qp_minus26", 4), ("pps_pic_parameter_set_id", 1)]
+    image = [("init_qp_minus26", -10), ("slice_pic_parameter_set_id", 0), ("slice_qp_delta", 2)]
+    monkeypatch.setattr(quantizer, "_header_fields", lambda *_: iter(sets + image))
+    assert _step(path) == pytest.approx(2 ** ((32 - 4) / 6))
 
 
 def test_headers_are_read_in_several_threads(tmp_path: Path) -> None:

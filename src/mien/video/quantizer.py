@@ -65,15 +65,18 @@ def _header_steps(path: Path, time: float) -> Iterator[float]:
         step_of = _BY_HEADER.get(shown_stream(container).codec_context.codec.canonical_name)
         if step_of is None:
             return
-        usual, first = 0, True
+        usual: dict[int, int] = {}
+        parameters, first = 0, True
         try:
             for name, value in _header_fields(container, time):
-                if name == "init_qp_minus26":
-                    usual = 26 + value
+                if name in _PARAMETERS:
+                    parameters = value
+                elif name == "init_qp_minus26":
+                    usual[parameters] = 26 + value
                 elif name == "first_slice_segment_in_pic_flag":
                     first = value == 1
                 elif name in _LEVELS and first:
-                    yield step_of(usual + value)
+                    yield step_of(usual.get(parameters, 0) + value)
         except av.error.FFmpegError:  # damaged, or an FFmpeg without the filter
             return
 
@@ -164,4 +167,6 @@ _BY_HEADER: dict[str, Callable[[float], float]] = {
 """The step by the level that a header states. What a face teaches in AV1, whose filters smooth more, is as exact as in
 H.264 of 1.6 times the step, and in VP8 as of 0.6 times; found on rendered heads."""
 _LEVELS = ("slice_qp_delta", "base_q_idx", "base_qindex")
-"""Fields of these that state the quantizer of an image; in HEVC, as a difference."""
+"""Fields of these that state the quantizer of an image; in HEVC, as a difference from that of its parameter set."""
+_PARAMETERS = ("pps_pic_parameter_set_id", "slice_pic_parameter_set_id")
+"""Fields of HEVC with the number of the parameter set that is described, or that an image has."""
