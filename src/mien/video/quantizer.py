@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import islice, product
 from pathlib import Path
 from threading import Lock
@@ -59,41 +59,35 @@ def _exported_steps(path: Path, time: float) -> Iterator[float]:
 
 def _header_steps(path: Path, time: float) -> Iterator[float]:
     """The steps of images, or of their first slices, by the headers of a stream whose decoder exports none."""
-    import av
-
     with open_container(path) as container:
         step_of = _BY_HEADER.get(shown_stream(container).codec_context.codec.canonical_name)
-        if step_of is None:
-            return
-        usual: dict[int, int] = {}
-        parameters, first = 0, True
-        try:
-            for name, value in _header_fields(container, time):
-                if name in _PARAMETERS:
-                    parameters = value
-                elif name == "init_qp_minus26":
-                    usual[parameters] = 26 + value
-                elif name == "first_slice_segment_in_pic_flag":
-                    first = value == 1
-                elif name in _LEVELS and first:
-                    yield step_of(usual.get(parameters, 0) + value)
-        except av.error.FFmpegError:  # damaged, or an FFmpeg without the filter
-            return
+        fields = [] if step_of is None else _header_fields(container, time)
+    usual: dict[int, int] = {}
+    parameters, first = 0, True
+    for name, value in fields:
+        if name in _PARAMETERS:
+            parameters = value
+        elif name == "init_qp_minus26":
+            usual[parameters] = 26 + value
+        elif name == "first_slice_segment_in_pic_flag":
+            first = value == 1
+        elif name in _LEVELS and first and step_of is not None:
+            yield step_of(usual.get(parameters, 0) + value)
 
 
-def _header_fields(container: Any, time: float) -> Iterator[tuple[str, int]]:
+def _header_fields(container: Any, time: float) -> list[tuple[str, int]]:
     """Names and values of what the headers of a stream state about a time, as FFmpeg's filter `trace_headers` writes
     them into its log: there is no other way to them."""
+    import av
     from av.bitstream import BitStreamFilterContext
 
-    with _logged() as lines:
+    with _logged() as lines, suppress(av.error.FFmpegError):  # damaged, or an FFmpeg without the filter
         headers = BitStreamFilterContext("trace_headers", shown_stream(container))
-    yield from _fields_in(lines)
-    for packet in islice(packets_from(container, time), 4 * _IMAGES):
-        if packet is not None:
-            with _logged() as lines:
+        for packet in islice(packets_from(container, time), 4 * _IMAGES):
+            if packet is not None:
                 headers.filter(packet)
-            yield from _fields_in(lines)
+    found = (_FIELD.search(text) for _, _, text in lines)
+    return [(field[1], int(field[2])) for field in found if field is not None]
 
 
 _LOGGING = Lock()
@@ -107,6 +101,7 @@ def _logged() -> Iterator[list[tuple[int, str, str]]]:
     from av import logging
 
     with _LOGGING:
+        # Set and restored rarely: PyAV prints a traceback where another thread logs at the moment of the latter.
         level = logging.get_level()
         others = logging.Capture(local=False) if level is None else nullcontext()
         logging.set_level(logging.INFO)
@@ -115,13 +110,6 @@ def _logged() -> Iterator[list[tuple[int, str, str]]]:
                 yield lines
         finally:
             logging.set_level(level)
-
-
-def _fields_in(lines: list[tuple[int, str, str]]) -> Iterator[tuple[str, int]]:
-    for _, _, text in lines:
-        field = _FIELD.search(text)
-        if field is not None:
-            yield field[1], int(field[2])
 
 
 def _step_of(image: Any) -> float | None:
