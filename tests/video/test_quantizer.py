@@ -73,10 +73,11 @@ def test_vp9_is_read_as_well(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pix_fmt", ["yuv420p", "yuv420p10le"])
 def test_the_headers_of_hevc_state_its_levels(pix_fmt: str, tmp_path: Path) -> None:
-    """Its step doubles every six levels, whatever its bits."""
+    """Its step doubles every six levels, whatever its bits. In Matroska, since now and then FFmpeg fails to write the
+    first packet of x265 into an MP4."""
     for level in (22, 34):
         how = {"x265-params": f"qp={level}:aq-mode=0:ipratio=1:pbratio=1:log-level=none"}
-        path = write_video(tmp_path / "x.mp4", portrait_images(8), codec="libx265", pix_fmt=pix_fmt, options=how)
+        path = write_video(tmp_path / "x.mkv", portrait_images(8), codec="libx265", pix_fmt=pix_fmt, options=how)
         assert _step(path, 7) == _step(path) == pytest.approx(2 ** ((level - 4) / 6))
 
 
@@ -101,14 +102,14 @@ def test_an_image_in_several_slices_counts_once(tmp_path: Path) -> None:
     for slices in (1, 4):
         how = {"x265-params": f"slices={slices}:qp=30:ipratio=2:bframes=0:log-level=none"}
         images = [np.tile(image, (2, 1, 1)) for image in portrait_images(8)]
-        path = write_video(tmp_path / "x.mp4", images, codec="libx265", pix_fmt="yuv420p", options=how)
+        path = write_video(tmp_path / "x.mkv", images, codec="libx265", pix_fmt="yuv420p", options=how)
         found.append(_step(path))
     assert found[0] == found[1] is not None
 
 
 def test_an_image_of_hevc_has_the_parameter_set_that_it_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As from encoders that keep several: 26 + 4 + 2 is the first's level."""
-    path = write_video(tmp_path / "x.mp4", portrait_images(2), codec="libx265", pix_fmt="yuv420p")
+    path = write_video(tmp_path / "x.mkv", portrait_images(2), codec="libx265", pix_fmt="yuv420p")
     sets = [("pps_pic_parameter_set_id", 0), ("init_qp_minus26", 4), ("pps_pic_parameter_set_id", 1)]
     image = [("init_qp_minus26", -10), ("slice_pic_parameter_set_id", 0), ("slice_qp_delta", 2)]
     monkeypatch.setattr(quantizer, "_header_fields", lambda *_: iter(sets + image))
@@ -116,7 +117,7 @@ def test_an_image_of_hevc_has_the_parameter_set_that_it_names(tmp_path: Path, mo
 
 
 def test_headers_are_read_in_several_threads(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "x.mp4", portrait_images(8), codec="libx265", pix_fmt="yuv420p")
+    path = write_video(tmp_path / "x.mkv", portrait_images(8), codec="libx265", pix_fmt="yuv420p")
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     try:
@@ -148,7 +149,7 @@ def test_what_other_threads_log_while_headers_are_read(
 
 
 def test_reading_headers_leaves_the_log_as_it_was(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "x.mp4", portrait_images(2), codec="libx265", pix_fmt="yuv420p")
+    path = write_video(tmp_path / "x.mkv", portrait_images(2), codec="libx265", pix_fmt="yuv420p")
     for level in (None, av.logging.ERROR):
         av.logging.set_level(level)
         try:
