@@ -17,7 +17,7 @@ import argparse
 import warnings
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -36,7 +36,7 @@ from mien.evaluation.datasets import load_dataset
 from mien.geometry.rotation import log
 from mien.tracking.realtime import RealtimeTracker, tracker, uncertainty
 from mien.tracking.realtime.solution import Pose
-from mien.tracking.realtime.uncertainty import Reference
+from mien.tracking.realtime.uncertainty import Reference, ReliefError
 
 OTHERS = {
     "nurse": Character("caucasian", "female", "young", "eyebrow002", "Wig_bun_blonde"),
@@ -126,19 +126,18 @@ def noted(run: Run) -> Frames:
     made: list[tuple[Any, ...]] = []
 
     def state_covariance(
-        spread: Array, d2: Array, seen: float, pose: Pose, moved: Array, first: Reference,
-        relief_sd: float, lean: float, learned: float, layer: float,
-    ) -> Array:  # fmt: skip
+        spread: Array, d2: Array, seen: float, pose: Pose, moved: Array, first: Reference, relief: ReliefError
+    ) -> Array:
         R, seen_from = pose.R, pose.seen_from
         misfit = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
-        without = (0.0, 0.0, learned, layer)  # the shape's part
+        without = replace(relief, sd=0.0, lean=0.0)  # the shape's part
         no_axes = Reference(first.R, first.ray, np.zeros(3), first.covered)
         turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
-        other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, *without)) / max(turn @ turn, 1e-12)
+        other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty.LEAST_SEEN)
         tilted = (uncertainty.TILT_MOVED_SD * R[:, 0]) ** 2 * (moved @ moved)
-        made.append((spread[:3, :3] / share, misfit, turn, axes, relief_sd, lean, other, tilted))
-        return uncertainty.state_covariance(spread, d2, seen, pose, moved, first, relief_sd, lean, learned, layer)
+        made.append((spread[:3, :3] / share, misfit, turn, axes, relief.sd, relief.lean, other, tilted))
+        return uncertainty.state_covariance(spread, d2, seen, pose, moved, first, relief)
 
     true = run.truth.rotations
     assert true is not None

@@ -43,6 +43,7 @@ from mien.tracking.realtime.uncertainty import (
     TURNED_SCALE,
     UNIT_SCALE,
     Reference,
+    ReliefError,
     confidence,
     focal_covariance,
     state_covariance,
@@ -56,6 +57,7 @@ from videos import frames_of, write_video
 
 RELIEF_SD = 0.1
 RELIEF_VARIANCE = (RELIEF_SCALE * RELIEF_SD) ** 2
+RELIEF, EXACT = ReliefError(RELIEF_SD), ReliefError(0.0)
 SPREAD = np.diag([1 / 400, 1 / 400, 1 / 2500] + [0.01] * 9)
 NOISE = NOISE_SCALE**2 * np.diag(np.diag(SPREAD) * np.repeat([1, TRANSLATION_SCALE**2, 1], [3, 3, 6]))
 PERFECT = np.zeros(26)
@@ -76,7 +78,7 @@ def covariance_of(
     R: Array = FACING, *, d2: Array = PERFECT, seen: float = 1.0, moved: Array = STILL, first: Reference = FIRST
 ) -> Array:
     """Covariance (12, 12) of a head on the optical axis, at a distance of 10, at R (3, 3); see `state_covariance`."""
-    return state_covariance(SPREAD, d2, seen, Pose(R, 10 * AHEAD, moved), moved, first, RELIEF_SD)
+    return state_covariance(SPREAD, d2, seen, Pose(R, 10 * AHEAD, moved), moved, first, RELIEF)
 
 
 def test_a_perfect_fit_at_the_first_pose_leaves_the_noise() -> None:
@@ -126,38 +128,38 @@ def test_systematic_covariance_by_hand() -> None:
     relief = RELIEF_VARIANCE * np.sin(0.5) ** 2
     apart = 2 * (1 - np.cos(0.5))  # the length of the difference of an axis that turns and where it was, squared
     pan = rotation(0, 0.5, 0)
-    panned = systematic_covariance(pan, view(pan), FIRST, RELIEF_SD)
+    panned = systematic_covariance(pan, view(pan), FIRST, RELIEF)
     assert np.trace(panned) == pytest.approx(relief + apart * (SCALED_AXES[[0, 2]] ** 2).sum())
     assert panned[1, 1] == pytest.approx(relief)
     roll = rotation(0, 0, 0.5)
-    rolled = systematic_covariance(roll, view(roll), FIRST, RELIEF_SD)
+    rolled = systematic_covariance(roll, view(roll), FIRST, RELIEF)
     assert np.trace(rolled) == pytest.approx(apart * (SCALED_AXES[:2] ** 2).sum())
-    np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), FIRST, RELIEF_SD), 0, atol=1e-15)
+    np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), FIRST, RELIEF), 0, atol=1e-15)
 
 
 def test_a_face_that_crosses_the_image_is_seen_from_elsewhere_and_one_that_follows_the_camera_is_not() -> None:
     """A face that looks straight ahead is seen from the side at the border of the image, without a rotation, and one
     that goes on looking into the camera never is."""
     to_the_side, no_axes = np.array([math.sin(0.5), 0.0, math.cos(0.5)]), Reference(FACING, AHEAD, np.zeros(3))
-    ahead = systematic_covariance(FACING, FACING.T @ to_the_side, no_axes, RELIEF_SD)
+    ahead = systematic_covariance(FACING, FACING.T @ to_the_side, no_axes, RELIEF)
     np.testing.assert_allclose(ahead, np.diag([0.0, RELIEF_VARIANCE * math.sin(0.5) ** 2, 0.0]), atol=1e-15)
     R = ray_rotation(to_the_side) @ FACING
-    np.testing.assert_allclose(systematic_covariance(R, R.T @ to_the_side, no_axes, RELIEF_SD), 0, atol=1e-15)
+    np.testing.assert_allclose(systematic_covariance(R, R.T @ to_the_side, no_axes, RELIEF), 0, atol=1e-15)
 
 
 def test_what_graphics_cover_in_the_first_frame_makes_turns_less_certain() -> None:
     R, no_axes = exp(np.array([0.0, 0.4, 0.0])) @ FACING, np.zeros(3)
     clear, covered = (Reference(FACING, AHEAD, no_axes, share) for share in (0.0, 0.6))
-    assert systematic_covariance(R, view(R), clear, 0.0)[1, 1] == 0
-    sd = np.sqrt(systematic_covariance(R, view(R), covered, 0.0)[1, 1])
+    assert systematic_covariance(R, view(R), clear, EXACT)[1, 1] == 0
+    sd = np.sqrt(systematic_covariance(R, view(R), covered, EXACT)[1, 1])
     assert sd == pytest.approx(GRAPHICS_SCALE * 0.6 * np.sin(0.4))
-    np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), covered, 0.0), 0, atol=1e-12)
+    np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), covered, EXACT), 0, atol=1e-12)
 
 
 def test_beyond_fifty_degrees_the_turn_is_less_certain_by_its_cosine() -> None:
     no_axes = Reference(FACING, AHEAD, np.zeros(3))
     shares = [
-        math.sqrt(systematic_covariance(R, view(R), no_axes, 0.0)[1, 1]) / math.sin(math.radians(pan))
+        math.sqrt(systematic_covariance(R, view(R), no_axes, EXACT)[1, 1]) / math.sin(math.radians(pan))
         for pan in (49.0, 60.0, 75.0)
         for R in [rotation(0, math.radians(pan), 0)]
     ]
@@ -178,22 +180,22 @@ def test_wrong_axes_turn_the_rotation_as_their_covariance_says(R: Array, R_first
         w = R_first @ log(turned) / small
         expected += np.outer(w, w)
     np.testing.assert_allclose(
-        systematic_covariance(R, view(R), Reference(R_first, AHEAD, AXES_SD), RELIEF_SD), expected, atol=1e-7
+        systematic_covariance(R, view(R), Reference(R_first, AHEAD, AXES_SD), RELIEF), expected, atol=1e-7
     )
 
 
 @given(head_rotations(), head_rotations(), rotation_vectors())
 def test_it_does_not_matter_from_where_one_looks(R: Array, R_first: Array, v: Array) -> None:
-    here = systematic_covariance(R, view(R), Reference(R_first, AHEAD, AXES_SD), RELIEF_SD)
+    here = systematic_covariance(R, view(R), Reference(R_first, AHEAD, AXES_SD), RELIEF)
     first = Reference(exp(v) @ R_first, exp(v) @ AHEAD, AXES_SD)
-    there = systematic_covariance(exp(v) @ R, view(R), first, RELIEF_SD)
+    there = systematic_covariance(exp(v) @ R, view(R), first, RELIEF)
     np.testing.assert_allclose(there, exp(v) @ here @ exp(v).T, atol=1e-9)
 
 
 def test_an_expression_makes_the_tilt_about_the_heads_own_axis_less_certain() -> None:
     R = rotation(0, 0, 0.5)
     no_axes = Reference(R, AHEAD, np.zeros(3))
-    covariance = systematic_covariance(R, view(R), no_axes, 0.0, expression=0.25)
+    covariance = systematic_covariance(R, view(R), no_axes, EXACT, 0.25)
     np.testing.assert_allclose(covariance, (0.5 * TILT_MOVED_SD) ** 2 * np.outer(R[:, 0], R[:, 0]), atol=1e-12)
 
 
@@ -203,7 +205,7 @@ def test_a_thin_layer_of_landmarks_leaves_the_turn_open(pan: float) -> None:
     no_axes = Reference(FACING, AHEAD, np.zeros(3))
 
     def sd(R: Array, layer: float) -> float:
-        return float(np.sqrt(np.trace(systematic_covariance(R, view(R), no_axes, 0.0, layer=layer))))
+        return float(np.sqrt(np.trace(systematic_covariance(R, view(R), no_axes, ReliefError(0.0, layer=layer)))))
 
     turned = rotation(0, pan, 0)
     assert sd(turned, THIN / 2) == pytest.approx(THIN_SCALE * math.sin(pan))

@@ -37,6 +37,7 @@ from mien.tracking.realtime.recovery import Recovery
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
+    ReliefError,
     confidence,
     focal_covariance,
     frame_variance,
@@ -322,16 +323,16 @@ class RealtimeTracker:
         closing = self.closing
         X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
         shut = self.person.eyes[:n] & self._eyes_are_shut
-        d2, share = solution.seen(self.settings.recovery.seen_distance)
+        most = self.settings.recovery.seen_distance
+        d2, share = solution.seen(most)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
-        shape, learned = self.person.shape, self.person.learned_share(solution)
+        shape = self.person.shape
+        layer = self.person.layer(solution, most, self.axes.first.seen_from)
+        lean, learned = math.hypot(*shape.lean.tolist()), self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
-        layer = self.person.layer(solution, self.settings.recovery.seen_distance, self.axes.first.seen_from)
-        covariance = state_covariance(
-            solution.step_covariance, d2, share, self.pose, moved, self.axes.first,
-            shape.relief_sd, math.hypot(*shape.lean.tolist()), learned, layer,
-        )  # fmt: skip
+        relief = ReliefError(shape.relief_sd, lean, learned, layer)
+        covariance = state_covariance(solution.step_covariance, d2, share, self.pose, moved, self.axes.first, relief)
         if self.camera.focal_log_sd > 0:
             covariance[:6, :6] += focal_covariance(self.pose.t, self.axes.first.ray, self.camera.focal_log_sd)
         sure = confidence(covariance, share, familiar, self.identity.probability)

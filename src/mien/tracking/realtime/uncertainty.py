@@ -128,28 +128,32 @@ class Reference:
         return math.sqrt(max(0.0, 1 - float(self.R[:, 2] @ ray_rotation(self.ray)[:, 2]) ** 2))
 
 
+@dataclass(frozen=True)
+class ReliefError:
+    """What tells, in a frame, how wrong the relief of the face may be. sd: what the shape's posterior leaves open,
+    `ShapePosterior.relief_sd`; lean: how far, in radians, the learned depths lean away from those of the first frame;
+    learned: the share of the appearance that was learned in the turn, where the tracker believed the face to be; layer:
+    the standard deviation of the depths, along the first frame's view, of the landmarks that are seen: in a thin layer,
+    errors of single depths turn the whole, instead of averaging."""
+
+    sd: float
+    lean: float = 0.0
+    learned: float = 0.0
+    layer: float = math.inf
+
+
 def state_covariance(
-    spread: Array,
-    d2: Array,
-    seen: float,
-    pose: Pose,
-    moved: Array,
-    first: Reference,
-    relief_sd: float,
-    lean: float = 0.0,
-    learned: float = 0.0,
-    layer: float = math.inf,
+    spread: Array, d2: Array, seen: float, pose: Pose, moved: Array, first: Reference, relief: ReliefError
 ) -> Array:
     """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
     d2 (n,) of the landmarks that are seen, a share `seen` of all, at a pose whose units have moved by `moved` (6,)
     since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first frame's, a
-    likewise, and t has the unit of length of the fitted face. relief_sd, lean, learned, layer: see
-    `systematic_covariance`."""
+    likewise, and t has the unit of length of the fitted face."""
     seen_from, expression = pose.seen_from, float(moved @ moved)
     turned = max(0.0, 1 - float(seen_from @ first.seen_from) ** 2)
     across = ACROSS_TURNED_SD**2 * turned + ACROSS_MOVED_SD**2 * expression
     along = (ALONG_MOVED_SD * float(pose.t[2])) ** 2 * expression
-    systematic = systematic_covariance(pose.R, seen_from, first, relief_sd, lean, learned, layer, expression)
+    systematic = systematic_covariance(pose.R, seen_from, first, relief, expression)
     own = first.vagueness * frame_variance(d2, seen)
     covariance: Array = _total_covariance(own, spread, across, along, systematic, moved)
     return covariance
@@ -198,14 +202,7 @@ def frame_variance(d2: Array, seen: float) -> float:
 
 
 def systematic_covariance(
-    R: Array,
-    seen_from: Array,
-    first: Reference,
-    relief_sd: float,
-    lean: float = 0.0,
-    learned: float = 0.0,
-    layer: float = math.inf,
-    expression: float = 0.0,
+    R: Array, seen_from: Array, first: Reference, relief: ReliefError, expression: float = 0.0
 ) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief, the head's
     axes, and an expression. seen_from: (3,) from where, `Pose.seen_from`; expression: squared length of how far the
@@ -213,22 +210,16 @@ def systematic_covariance(
 
     A relief that is too deep along the first frame's view turns too little, about the axis that is perpendicular to
     both views: also where a head crosses the image without a rotation. The standard deviation of the share by which it
-    does is made of what may be wrong with the relief:
-
-    - relief_sd: what the shape's posterior leaves open;
-    - lean: how far, in radians, the learned depths lean away from those of the first frame;
-    - `first`: the first frame shows the face from the side, or graphics cover a part of it there;
-    - learned: the share of the appearance that was learned in the turn, where the tracker believed the face to be;
-    - layer: the standard deviation of the depths, along the first frame's view, of the landmarks that are seen: in a
-      thin layer, errors of single depths turn the whole, instead of averaging;
-    - a turn beyond 50 degrees, where the first frame shows next to nothing.
+    does is made of what may be wrong with the relief, of what the first frame does not show of it, where it sees the
+    face from the side or graphics cover a part, and of a turn beyond 50 degrees, of which it shows next to nothing.
 
     With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d. An expression
     that is not quite followed tilts the head."""
     far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
-    thin = THIN_SCALE * max(THIN / max(layer, _LEAST_LAYER) - 1, 0.0)
-    share = math.hypot(RELIEF_SCALE * relief_sd, LEAN_SCALE * lean, shown, LEARNED_SCALE * learned, far, thin)
+    thin = THIN_SCALE * max(THIN / max(relief.layer, _LEAST_LAYER) - 1, 0.0)
+    known = math.hypot(RELIEF_SCALE * relief.sd, LEAN_SCALE * relief.lean, LEARNED_SCALE * relief.learned)
+    share = math.hypot(known, shown, far, thin)
     tilted = TILT_MOVED_SD**2 * expression
     covariance: Array = _of_model(R, seen_from, first.R, first.seen_from, first.scaled_axes_sd, share, tilted)
     return covariance
