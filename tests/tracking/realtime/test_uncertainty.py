@@ -224,7 +224,7 @@ def test_the_layer_is_of_what_a_solution_rests_on() -> None:
 
     def layer(weight: Array) -> float:
         facing = np.full(len(depths), True)
-        solution: Any = SimpleNamespace(facing=facing, d2_without_noise=np.zeros(len(depths)), w=weight)
+        solution: Any = SimpleNamespace(is_seen=lambda most: facing, w=weight)
         return person.layer(solution, 100.0, view_from)
 
     assert layer(np.ones(len(depths))) == pytest.approx(depths.std())

@@ -166,26 +166,20 @@ class _ViewRenderer:
 @dataclass(frozen=True)
 class _Views:
     """What k x l views at some tilts and pans, radians, show of n landmarks: descriptors (k, l, n, 128), how much each
-    view teaches (k, l, n), how far the landmarks lie behind the surface (k, l, n), and the descriptors (k, l, n, 128)
-    in the light of each view, the same where it has none."""
+    view teaches (k, l, n), and how far the landmarks lie behind the surface (k, l, n)."""
 
     tilts: Array
     pans: Array
     seen: Float32
     weight: Float32
     behind: Float32
-    lit: Float32
 
     def beside(self, others: _Views) -> _Views:
         """These views and others at the same tilts, in the order of their pans."""
         pans = np.concatenate([self.pans, others.pans])
         order = np.argsort(pans)
-        parts = zip(self._by_view, others._by_view, strict=True)
-        return _Views(self.tilts, pans[order], *(np.concatenate(part, axis=1)[:, order] for part in parts))
-
-    @property
-    def _by_view(self) -> tuple[Float32, ...]:
-        return self.seen, self.weight, self.behind, self.lit
+        pairs = (self.seen, others.seen), (self.weight, others.weight), (self.behind, others.behind)
+        return _Views(self.tilts, pans[order], *(np.concatenate(pair, axis=1)[:, order] for pair in pairs))
 
 
 @dataclass(frozen=True)
@@ -206,11 +200,12 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
     limit = np.radians([s.views.limit_tilt_deg, s.views.limit_pan_deg])
     tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.views.crowding)
     further = np.radians(np.linspace(s.views.limit_pan_deg, s.views.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
-    front = _render_views(renderer, tilts, pans, s, _mirrored_lights(len(tilts), len(pans), s.views.light_contrast))
-    changes = _render_changes(renderer, front)
+    lights = _mirrored_lights(len(tilts), len(pans), s.views.light_contrast)
+    front, lit = _render_views(renderer, tilts, pans, s, lights)
+    changes = _render_changes(renderer, front, lit)
 
     def learn_turned() -> Level:
-        aside = _render_views(renderer, tilts, np.concatenate([-further[::-1], further]), s)
+        aside, _ = _render_views(renderer, tilts, np.concatenate([-further[::-1], further]), s)
         return _regress(renderer, front.beside(aside), changes, s)
 
     level = _regress(renderer, front, changes, s)
@@ -219,9 +214,9 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSe
 
 def _render_views(
     renderer: _ViewRenderer, tilts: Array, pans: Array, s: RealtimeSettings, lights: Array | None = None
-) -> _Views:
-    """Render the face at these tilts and pans, and describe it. lights: (tilts, pans, 3) of the views, see
-    `spread_lights`."""
+) -> tuple[_Views, Float32]:
+    """Render the face at these tilts and pans, and describe it; also by the descriptors (tilts, pans, n, 128) in other
+    lights (tilts, pans, 3), see `spread_lights`, which without them are the same."""
     views = []
     for i, j in np.ndindex(len(tilts), len(pans)):
         R = rotation(tilts[i], pans[j], 0.0)
@@ -231,7 +226,8 @@ def _render_views(
         behind = _depth_behind(posed[1], depth, renderer.camera)
         views.append((seen, renderer.weight(posed[1], R, behind, s), behind, lit))
     parts = (np.array(part, np.float32) for part in zip(*views, strict=True))
-    return _Views(tilts, pans, *(part.reshape(len(tilts), len(pans), *part.shape[1:]) for part in parts))
+    *of_views, lit = (part.reshape(len(tilts), len(pans), *part.shape[1:]) for part in parts)
+    return _Views(tilts, pans, *of_views), lit
 
 
 def _mirrored_pairs(tilts: int, pans: int) -> list[tuple[int, int, int]]:
@@ -248,16 +244,17 @@ def _mirrored_lights(tilts: int, pans: int, contrast: float) -> Array:
     return lights
 
 
-def _render_changes(renderer: _ViewRenderer, views: _Views) -> _Changes:
-    """What light changes in the views, and eyes that move in some, rendered once more. Light goes into the covariance,
-    not into the mean, which would depend on where it comes from in which view."""
+def _render_changes(renderer: _ViewRenderer, views: _Views, lit: Float32) -> _Changes:
+    """What light changes in the views, whose descriptors in it are `lit` (k, l, n, 128), and eyes that move in some,
+    rendered once more. Light goes into the covariance, not into the mean, which would depend on where it comes from in
+    which view."""
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
     for k, (i, *columns) in enumerate(_mirrored_pairs(len(views.tilts), len(views.pans))[::_EYE_VIEWS]):
         moved = k % len(_EYES)
         for j, shown in zip(columns, (moved, _MIRRORED_EYES[moved]), strict=True):
             posed = renderer.posed(rotation(views.tilts[i], views.pans[j], 0.0))
             eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - views.seen[i, j])
-    lights = (views.lit - views.seen).reshape(-1, *views.seen.shape[2:])
+    lights = (lit - views.seen).reshape(-1, *views.seen.shape[2:])
     return _Changes(tuple(np.array(shown) for shown in eyes), lights, *_changes_by_noise(renderer))
 
 

@@ -139,9 +139,8 @@ class Person:
 
     def layer(self, solution: Solution, most: float, view: Array) -> float:
         """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests
-        on, by their weight: those that face the camera, are at most `most` away (see `Solution.seen`), and uncovered;
-        0 without any."""
-        seen = solution.facing & ~self.covers.covered & (solution.d2_without_noise <= most)
+        on, by their weight: those that are seen, see `Solution.is_seen`, and uncovered; 0 without any."""
+        seen = solution.is_seen(most) & ~self.covers.covered
         spread: float = _spread(self.neutral, view, solution.w, seen)
         return spread
 

@@ -194,10 +194,13 @@ class Solution:
         """The same of the landmarks `seen` (n,), for the best half of them or a smaller part."""
         return largest_of_best(self.d2_without_noise[seen] / self.expected[seen], part)
 
+    def is_seen(self, most: float) -> Mask:
+        """Which landmarks (n,) face the camera and are, without noise, at most `most` away."""
+        return np.asarray(self.facing & (self.d2_without_noise <= most))
+
     def seen(self, most: float) -> tuple[Array, float]:
-        """Squared distances (m,) of the landmarks that face the camera and are, without noise, at most `most` away; and
-        their share of all landmarks."""
-        d2 = self.d2[self.facing & (self.d2_without_noise <= most)]
+        """Squared distances (m,) of these landmarks, and their share of all."""
+        d2 = self.d2[self.is_seen(most)]
         return d2, len(d2) / len(self.d2)
 
     @cached_property
