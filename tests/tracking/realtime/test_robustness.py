@@ -321,6 +321,8 @@ def test_a_board_on_one_half_that_moves_along(side: int) -> None:
     _assert_honest(estimates, errors)
     assert np.isfinite(errors).all()
     assert errors.mean() < 2.5
+    sure = np.array([estimate.confidence for estimate in estimates]) > 0.75
+    assert errors[sure].max() < CLOSE_DEG
 
 
 def test_a_face_that_comes_back_beside_another_one_is_found() -> None:
