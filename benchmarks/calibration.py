@@ -126,17 +126,16 @@ def noted(run: Run) -> Frames:
     made: list[tuple[Any, ...]] = []
 
     def state_covariance(
-        spread: Array, d2: Array, seen: float, pose: Pose, moved: Array, first: Reference, relief: ReliefError
+        spread: Array, d2: float, seen: float, pose: Pose, moved: Array, first: Reference, relief: ReliefError
     ) -> Array:
         R, seen_from = pose.R, pose.seen_from
-        misfit = float(np.sort(d2)[len(d2) // 2]) if len(d2) else 0.0
         without = replace(relief, sd=0.0, lean=0.0)  # the shape's part
         no_axes = Reference(first.R, first.ray, np.zeros(3), first.covered)
         turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
         other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty.LEAST_SEEN)
         tilted = (uncertainty.TILT_MOVED_SD * R[:, 0]) ** 2 * (moved @ moved)
-        made.append((spread[:3, :3] / share, misfit, turn, axes, relief.sd, relief.lean, other, tilted))
+        made.append((spread[:3, :3] / share, d2, turn, axes, relief.sd, relief.lean, other, tilted))
         return uncertainty.state_covariance(spread, d2, seen, pose, moved, first, relief)
 
     true = run.truth.rotations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -66,26 +65,17 @@ def resample(frame: Frame, to_image: Array, size: int, scale: float, blur: float
     to_image: (3, 3) homography from the pixels of the result to those of the frame; scale: pixels of the result for one
     of the frame; blur: standard deviation in pixels of the result. The cost does not depend on the size of the frame.
     """
-    x, y, w = to_image.tolist()  # its rows; for a few numbers faster than NumPy
-    gray, (x0, y0), shrink = _region(frame, (x, y, w), size, scale)
-    half = 0.5 * (1 - shrink)  # the middle of what becomes a pixel
-    to_gray = [[a + (half - o) * c for a, c in zip(row, w, strict=True)] for row, o in ((x, x0), (y, y0))]
+    gray, origin, shrink = _region(frame, to_image, size, scale)
     out = np.empty((size, size), np.float32)
-    _resample(gray, np.array([*to_gray, [shrink * c for c in w]]), out)
+    _resample(gray, to_image, origin, shrink, out)
     return blurred(out, blur)
 
 
-def _region(
-    frame: Frame, rows: Sequence[Sequence[float]], size: int, scale: float
-) -> tuple[Pixels, tuple[int, int], int]:
+def _region(frame: Frame, to_image: Array, size: int, scale: float) -> tuple[Pixels, tuple[int, int], int]:
     """The grey pixels that `resample` needs, at least two each way, their origin in the frame, and the factor by which
-    they were shrunk against aliasing. rows: of the homography to the frame."""
-    points = [_mapped(rows, u, v) for u in (0, size - 1) for v in (0, size - 1)]
-    least, most = map(min, zip(*points, strict=True)), map(max, zip(*points, strict=True))
-    limits = frame.width, frame.height
-    x0, y0 = (int(min(max(a - _MARGIN, 0), n - 1)) for a, n in zip(least, limits, strict=True))
-    x1, y1 = (int(min(max(b + _MARGIN, 1), n)) for b, n in zip(most, limits, strict=True))
-    region = frame.gray_part(slice(y0, max(y1, y0 + 1)), slice(x0, max(x1, x0 + 1)))
+    they were shrunk against aliasing."""
+    x0, y0, x1, y1 = _bounds(to_image, size, frame.width, frame.height)
+    region = frame.gray_part(slice(y0, y1), slice(x0, x1))
     shrink = max(int(1 / scale), 1)
     if shrink > 1 and min(region.shape) >= shrink:
         h, w = region.shape[0] // shrink, region.shape[1] // shrink
@@ -98,20 +88,36 @@ def _region(
     return region, (x0, y0), shrink
 
 
-def _mapped(rows: Sequence[Sequence[float]], u: float, v: float) -> tuple[float, float]:
-    """A point by the rows of a homography."""
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    w = max(g * u + h * v + i, _AHEAD)
-    return (a * u + b * v + c) / w, (d * u + e * v + f) / w
+@kernel()
+def _bounds(to_image: Any, size: int, width: int, height: int) -> Any:
+    """Left, upper, right and lower bound of the pixels of an image that a homography (3, 3) puts into (size, size), at
+    least one each way."""
+    left, upper, right, lower = float(width), float(height), 0.0, 0.0
+    for corner in range(4):
+        u, v = (size - 1.0) * (corner % 2), (size - 1.0) * (corner // 2)
+        w = max(to_image[2, 0] * u + to_image[2, 1] * v + to_image[2, 2], _AHEAD)
+        x = (to_image[0, 0] * u + to_image[0, 1] * v + to_image[0, 2]) / w
+        y = (to_image[1, 0] * u + to_image[1, 1] * v + to_image[1, 2]) / w
+        left, right = min(left, x), max(right, x)
+        upper, lower = min(upper, y), max(lower, y)
+    x0, y0 = int(min(max(left - _MARGIN, 0.0), width - 1.0)), int(min(max(upper - _MARGIN, 0.0), height - 1.0))
+    x1, y1 = int(min(max(right + _MARGIN, 1.0), width)), int(min(max(lower + _MARGIN, 1.0), height))
+    return x0, y0, max(x1, x0 + 1), max(y1, y0 + 1)
 
 
 @kernel()
-def _resample(gray: Any, to_gray: Any, out: Any) -> None:
+def _resample(gray: Any, to_image: Any, origin: Any, shrink: int, out: Any) -> None:
     """Bilinear values of grey pixels (h, w), at least two each way, into out (size, size); beyond the border the border
-    repeats. to_gray: (3, 3) homography from there to the grey pixels. Takes half the time of `cv2.warpPerspective`,
-    which rounds positions to a 32nd of a pixel."""
+    repeats. to_image: (3, 3) homography from there to the pixels of an image, of which the grey ones are those from
+    `origin` on, shrunk. Takes half the time of `cv2.warpPerspective`, which rounds positions to a 32nd of a pixel."""
     height, width = gray.shape
     size = out.shape[0]
+    half = 0.5 * (1 - shrink)  # the middle of what becomes a pixel
+    to_gray = np.empty((3, 3))
+    for j in range(3):
+        w = to_image[2, j]
+        to_gray[0, j], to_gray[1, j] = to_image[0, j] + (half - origin[0]) * w, to_image[1, j] + (half - origin[1]) * w
+        to_gray[2, j] = shrink * w
     pixels = gray.ravel()
     right, bottom, zero = np.float32(width - 1), np.float32(height - 1), np.float32(0.0)
     ahead = np.float32(_AHEAD)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from mien.appearance.crop import resample
 from mien.arrays import Array, Float32
+from mien.compiled import kernel
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 
@@ -39,20 +40,42 @@ class FaceCamera:
         return self.focal_px * self._cosine / self.real.focal_px
 
     @cached_property
+    def _homographies(self) -> tuple[Array, Array]:
+        """`projection`, and from its pixels to those of the real camera (3, 3)."""
+        homographies: tuple[Array, Array] = _homographies(
+            self.real.vector, self.ray, self.roll, self.focal_px, self._cosine, self.size
+        )
+        return homographies
+
+    @property
     def projection(self) -> Array:
         """(3, 3) from points in the axes of the real camera to homogeneous pixels."""
-        f, middle = self.focal_px, 0.5 * (self.size - 1)
-        c, s = f * math.cos(self.roll), f * math.sin(self.roll)
-        return np.asarray(np.array([[c, s, middle], [-s, c, middle], [0, 0, 1]]) @ self.ray.T)
+        return self._homographies[0]
 
     def sample(self, frame: Frame, blur: float = 0.0) -> Float32:
         """Its grey image (size, size) float32 of a frame, blurred by a standard deviation in its pixels."""
-        step, middle = 1 / (self.focal_px * self._cosine), 0.5 * (self.size - 1)  # in the middle w becomes 1
-        c, s = step * math.cos(self.roll), step * math.sin(self.roll)
-        back = np.array([[c, -s, (s - c) * middle], [s, c, -(s + c) * middle], [0, 0, self.focal_px * step]])
-        return resample(frame, self.real.matrix @ (self.ray @ back), self.size, self.scale, blur)
+        return resample(frame, self._homographies[1], self.size, self.scale, blur)
 
     @property
     def _cosine(self) -> float:
         """Of the angle between ray and optical axis; a face that is lost may be looked for beside the camera."""
         return max(float(self.ray[2, 2]), _LEAST_COSINE)
+
+
+@kernel()
+def _homographies(real: Any, ray: Any, roll: float, focal_px: float, cosine: float, size: int) -> Any:
+    """What `FaceCamera` gives: from the axes of the real camera to its homogeneous pixels (3, 3), and from these to
+    those of the real camera (3, 3). real: its `Camera.vector`; cosine: of the angle between ray and optical axis."""
+    forth, back, middle = np.empty((3, 3)), np.empty((3, 3)), 0.5 * (size - 1)
+    c, s, step = np.cos(roll), np.sin(roll), 1.0 / (focal_px * cosine)  # so that in the middle the scale becomes 1
+    for k in range(3):
+        x, y, z = ray[k, 0], ray[k, 1], ray[k, 2]
+        forth[0, k] = focal_px * (c * x + s * y) + middle * z
+        forth[1, k] = focal_px * (c * y - s * x) + middle * z
+        forth[2, k] = z
+        back[k, 0], back[k, 1] = step * (c * x + s * y), step * (c * y - s * x)
+        back[k, 2] = z / cosine - middle * (back[k, 0] + back[k, 1])
+    for j in range(3):
+        for k in range(2):
+            back[k, j] = real[0] * back[k, j] + real[1 + k] * back[2, j]
+    return forth, back

@@ -39,7 +39,8 @@ def _axes(tracker: RealtimeTracker, lean_deg: Array, settings: AxesSettings = SE
     """Axes of a face that looks into the camera, where the learned shape is turned by (2,) tilt and pan from
     what it was in the first frame."""
     shape: ShapePosterior = deepcopy(tracker.person.shape)
-    shape.mean = shape.start @ exp(np.radians(np.append(lean_deg, 0.0))).T
+    turned = shape.start @ exp(np.radians(np.append(lean_deg, 0.0))).T
+    shape.lean = shape.slopes @ (turned - shape.start)[:, 2]
     t = tracker.fit.t
     fit = replace(tracker.fit, R=ray_rotation(t) @ FACING, R_head_fit=np.eye(3))
     return HeadAxes(fit, Pose(fit.R, t, fit.animation), shape, settings)

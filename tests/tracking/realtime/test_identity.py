@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,9 @@ from small_motion import begun, face
 
 
 def test_a_stranger_differs_everywhere_and_a_grimace_in_places() -> None:
-    assert familiarity(np.full(26, 55.0), 0.0) < 0.01
-    assert familiarity(np.where(np.arange(26) < 9, 10.0, 55.0), 0.0) > 0.9
-    assert familiarity(np.full(26, 10.0), 0.0) > 0.99
-    assert familiarity(np.zeros(0), 0.0) == 0  # nothing is seen
+    assert familiarity(55.0, 0.0) < 0.01
+    assert familiarity(10.0, 0.0) > 0.99
+    assert familiarity(math.inf, 0.0) == 0  # nothing is seen
 
 
 def test_identity_is_recognised_soon_and_doubted_slowly() -> None:

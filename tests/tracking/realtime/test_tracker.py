@@ -28,7 +28,7 @@ from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.paper import PaperTracker
-from mien.tracking.realtime import RealtimeTracker, learning, person
+from mien.tracking.realtime import RealtimeTracker, kernels, learning, person
 from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
@@ -122,10 +122,14 @@ def test_what_the_mean_leaves_is_that_of_the_views_around() -> None:
     level = tracker.face.fine
     tilts, pans = level.views
     views = level.appearance.lack_of_fit.reshape(len(tilts), len(pans), -1)
-    np.testing.assert_allclose(level.lack_of_fit(np.array([tilts[3], pans[5]])), views[3, 5], rtol=1e-5)
     middle = np.array([tilts[3:5].mean(), pans[5:7].mean()])
-    np.testing.assert_allclose(level.lack_of_fit(middle), views[3:5, 5:7].mean(axis=(0, 1)), rtol=1e-5)
-    np.testing.assert_allclose(level.lack_of_fit(np.radians([-90.0, 90.0])), views[0, -1], rtol=1e-5)
+    expected = (
+        (np.array([tilts[3], pans[5]]), views[3, 5]),
+        (middle, views[3:5, 5:7].mean(axis=(0, 1))),
+        (np.radians([-90.0, 90.0]), views[0, -1]),
+    )
+    for angles, left in expected:
+        np.testing.assert_allclose(level.trust(angles, 30.0), 1 / (1 + left / 30), rtol=1e-5)
 
 
 def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
@@ -314,7 +318,9 @@ def test_misplacement_solves_each_landmark_alone() -> None:
     assert 0 < (np.abs(expected) > 0.1).mean() < 0.9
     for most in (0.1, 100.0):
         squared = np.square(np.clip(expected, -most, most)).mean(axis=1)
-        np.testing.assert_allclose(solution.squared_misplacement(most)[seen], squared, rtol=1e-3)
+        landmarks = zip(solution.at.M[seen], solution.at.g[seen], strict=True)
+        found = [kernels.squared_misplacement(M, g, most) for M, g in landmarks]
+        np.testing.assert_allclose(found, squared, rtol=1e-3)
 
 
 def test_it_is_better_than_the_paper() -> None:
@@ -464,7 +470,7 @@ def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
     tracker = begun(sequence().frames[0])
     predicted = tracker.pose
     _, found = tracker.solver.refine(sequence().frames[3], tracker.prior.prediction(tracker.pose, tracker.pose))
-    assert found.seen(tracker.settings.recovery.seen_distance)[1] > tracker.settings.hold.share
+    assert found.seen_share > tracker.settings.hold.share
     assert tracker._damp(predicted, found) is found
 
     few = found.facing & (np.arange(len(found.facing)) < 5)

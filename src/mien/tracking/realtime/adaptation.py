@@ -46,19 +46,14 @@ class Adaptation:
 
     def offset(self, angles: Array) -> Float32:
         """The offset (n, 128) at a tilt and pan (2,)."""
-        turn = angles - self.first
-        offset = turn.astype(np.float32) @ self.slope
-        _add_interpolated(turn, self.near, self.views, offset)
-        return np.asarray(offset.reshape(self.nothing.shape))
+        offset: Float32 = _offset(angles - self.first, self.near, self.slope, self.views)
+        return offset.reshape(self.nothing.shape)
 
     def share(self, angles: Array) -> Float32:
         """(n,) how far the appearance of each landmark at a tilt and pan (2,) was learned here: 0 where it is the first
         frame's, 1 where it is what was seen when the face turned there."""
-        share = np.zeros(len(self.nothing), np.float32)
-        if not self.begun:
-            return share
-        _add_interpolated(angles - self.first, self.near, self.learned, share)
-        return np.minimum(share, 1)  # what was learned near the first frame's view counts for more further on
+        share: Float32 = _share(angles - self.first, self.near, self.learned)
+        return share
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is their
@@ -97,6 +92,27 @@ def _neighbours(turn: Any, near: float) -> Any:
         (k + _PANS, away * down * (1 - right)),
         (k + _PANS + 1, away * down * right),
     )
+
+
+@kernel()
+def _offset(turn: Any, near: float, slope: Any, views: Any) -> Any:
+    """The offset (m,) at a turn (2,): linear in it, by slope (2, m), and interpolated between views (v, m)."""
+    total, by_tilt, by_pan = np.empty(slope.shape[1], np.float32), np.float32(turn[0]), np.float32(turn[1])
+    for i in range(total.size):
+        total[i] = by_tilt * slope[0, i] + by_pan * slope[1, i]
+    _add_interpolated(turn, near, views, total)
+    return total
+
+
+@kernel()
+def _share(turn: Any, near: float, learned: Any) -> Any:
+    """How much was learned (n,) at a turn (2,), interpolated between views (v, n), and at most 1: what was learned near
+    the first frame's view counts for more further on."""
+    share = np.zeros(learned.shape[1], np.float32)
+    _add_interpolated(turn, near, learned, share)
+    for i in range(share.size):
+        share[i] = min(share[i], np.float32(1.0))
+    return share
 
 
 @kernel()

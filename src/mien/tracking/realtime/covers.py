@@ -8,9 +8,12 @@ look strange, nor is their look learned.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mien.arrays import Array, Mask
+from mien.compiled import kernel
 from mien.config.realtime import VisibilitySettings
 from mien.tracking.realtime.solution import largest_of_best
 
@@ -24,13 +27,15 @@ _CAME = 0.85
 strange, but gradually."""
 _BESIDE = 0.3
 """Distance in CANDIDE units within which landmarks lie beside each other."""
+_UNWEIGHTED = 1e-9
+"""Factor of the weight of a landmark that is looked at, but takes no part."""
 
 
 class Covers:
     """Which landmarks something covers, from frame to frame.
 
     covered: (n,) in the last frame; suspected: (n,) before which something has come, and which have not looked like the
-    face since.
+    face since; weight: (n,) factor of their weights in the next frame.
     """
 
     def __init__(self, neutral: Array, eyes: Mask, settings: VisibilitySettings) -> None:
@@ -42,26 +47,48 @@ class Covers:
 
     def forget(self) -> None:
         """Take nothing to be covered: a lost face may be found again uncovered."""
-        self.covered = np.zeros_like(self.telling)
-        self.suspected = np.zeros_like(self.telling)
+        n = len(self.telling)
+        self.covered: Mask = np.zeros(n, bool)
+        self.suspected: Mask = np.zeros(n, bool)
+        self.weight = np.ones(n)
 
     @property
     def learnable(self) -> Mask:
         """Which landmarks (n,) certainly show the face."""
-        return ~(self.covered | self.suspected)
+        return np.asarray(~(self.covered | self.suspected))
 
     def update(self, d2: Array, facing: Mask, agreement: Array) -> None:
         """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), and how far
         their patches agree with the last frame's, agreement (n,)."""
-        usual = max(_USUAL, _OF_THE_BEST * largest_of_best(d2[facing], 4))
-        strange = d2 > usual
-        self.suspected = (self.suspected | (agreement < _CAME)) & (strange | ~facing)
-        self.covered = self._found(d2 / usual, facing, strange) | self.covered & ~facing
+        least = self.settings.least_covered
+        self.covered, self.suspected, self.weight = _updated(
+            self.covered, self.suspected, d2, facing, agreement, self.telling, self.beside, least
+        )
 
-    def _found(self, d2: Array, facing: Mask, strange: Mask) -> Mask:
-        """What is covered in a frame in which the squared distance of a strange landmark is above 1."""
-        least = np.where(self.covered, _STILL_COVERED, np.where(self.suspected, _COVERED, np.inf))
-        covered = facing & self.telling & (d2 > least)
-        if np.count_nonzero(covered) < self.settings.least_covered:
-            return np.zeros_like(covered)
-        return np.asarray(covered | facing & strange & self.beside[covered].any(axis=0))
+
+@kernel(fastmath={"contract"})
+def _updated(
+    covered: Any, suspected: Any, d2: Any, facing: Any, agreement: Any, telling: Any, beside: Any, least: int
+) -> Any:
+    """`covered`, `suspected` and `weight` (n,) of `Covers` after a frame. beside: (n, n) which landmarks lie beside
+    each other; least: how many have to be covered to be believed."""
+    n = d2.size
+    now, suspects, weight = np.zeros(n, np.bool_), np.empty(n, np.bool_), np.empty(n)
+    usual = max(_USUAL, _OF_THE_BEST * largest_of_best(d2[facing], 4))
+    found = 0
+    for i in range(n):
+        strange = d2[i] > usual
+        suspects[i] = (suspected[i] or agreement[i] < _CAME) and (strange or not facing[i])
+        beyond = _STILL_COVERED if covered[i] else _COVERED
+        now[i] = facing[i] and telling[i] and (covered[i] or suspects[i]) and d2[i] > beyond * usual
+        found += now[i]
+    alone = now.copy()
+    for i in range(n):
+        if found < least:
+            now[i] = False
+        elif facing[i] and d2[i] > usual:
+            for j in range(n):
+                now[i] = now[i] or (alone[j] and beside[j, i])
+        now[i] = now[i] or (covered[i] and not facing[i])
+        weight[i] = _UNWEIGHTED if now[i] else 1.0
+    return now, suspects, weight

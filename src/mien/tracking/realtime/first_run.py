@@ -21,10 +21,11 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from mien.appearance import crop, descriptors
+from mien.appearance import crop, descriptors, face_camera
 from mien.compiled import is_cached
 from mien.processes import available_processors
 from mien.tracking.realtime import (
+    covers,
     definite,
     eyes,
     kernels,
@@ -34,6 +35,7 @@ from mien.tracking.realtime import (
     person,
     pose_geometry,
     shape,
+    solution,
     uncertainty,
 )
 from mien.tracking.realtime.kernels import AppearanceArrays, PriorArrays
@@ -59,7 +61,7 @@ _VIEW = _array(2), _array(2)
 _PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
 _APPEARANCE = AppearanceArrays(
     coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), inverse_floor=_single(1),
-    limit=_array(1), variance=_array(2),
+    trust=_single(1), limit=_array(1), variance=_array(2),
 )  # fmt: skip
 _SAMPLING = (1, 0.0, 0.0, 0.0)
 _PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW).plain
@@ -71,31 +73,38 @@ _POINT = (0.0, 0.0)
 Kernel = tuple[Any, tuple[Any, ...]]
 """A kernel, and examples of what tracking calls it with."""
 POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
-SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
+SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0)
 _KERNELS: tuple[Kernel, ...] = (
     (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
     SOLVE,
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
-    (level._bilinear_lookup, (_single(3), (_array(1), _array(1)), _array(1))),
+    (level._trust, (_single(3), (_array(1), _array(1)), _array(1), 0.0)),
     (definite._inverse, (_array(2),)),
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, 0.0, _array(2), _array(1))),
     (uncertainty._of_model, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0, 0.0)),
     (level._nearest, (_array(1), 0.0)),
     (motion.align,
-     (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, _array(1), 1, 0.0)),
-    (person._update_average, (_array(2), 1, _array(1), _SEEN, 0.0, 0.0)),
+     (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, 0.0, 1, 0.0)),
+    (person._learn_distances, (_array(1), _array(1), _SEEN, _array(1), 0.0, (0.0, 0.0))),
+    (person._learn_locations, (_array(2), _array(1), _array(3), _array(2), _SEEN, _array(1), 0.0)),
+    (person._mean_of, (_single(1), _SEEN)),
     (person._spread, (_array(2), _array(1), _array(1), _SEEN)),
-    (kernels.student_information, (*[_array(1)] * 3, 0.0)),
-    (kernels.squared_misplacement, (_array(3), _array(2), 0.0)),
-    (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1))),
+    (kernels.student_information, (*[_array(1)] * 3, 0.0, 0.0)),
+    (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1), _array(1), 0.0)),
+    (solution._judge, (_array(1), _array(1), 0.0, _SEEN, _array(1), 0.0, 1)),
+    (covers._updated, (_SEEN, _SEEN, _array(1), _SEEN, _array(1), _SEEN, _array(2, np.bool_), 1)),
+    (uncertainty.visibility, (_array(1), _SEEN, _array(1), _SEEN)),
+    (face_camera._homographies, (_array(1), _array(2), 0.0, 0.0, 0.0, 1)),
+    (crop._bounds, (_array(2), 1, 1, 1)),
+    (pose_geometry.sight_of, (_array(1), _array(2), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
     (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
-    (crop._resample, (_array(2, np.uint8), _array(2), _single(2))),
+    (crop._resample, (_array(2, np.uint8), _array(2), (0, 0), 1, _single(2))),
 )  # fmt: skip
 """What a frame needs. The other process compiles from the beginning, where the solver is, and what it shares with the
 learning of the face; this one, once it has learned the face, from the end, and they meet. It comes to `align` when the

@@ -14,7 +14,6 @@ from collections.abc import Callable
 
 from mien.arrays import Array
 from mien.tracking.realtime.patch_history import LOOK_BACK, LOOK_BACK_SECONDS, PatchHistory
-from mien.tracking.realtime.solution import largest_of_best
 from mien.tracking.scene import Scene
 
 FAMILIAR = 0.5
@@ -79,13 +78,11 @@ class Identity:
         self.probability = _updated(self.probability, familiar, same)
 
 
-def familiarity(d2: Array, turn: float) -> float:
+def familiarity(d2: float, turn: float) -> float:
     """Probability that a face which has turned by `turn`, radians, looks like that of the first frame, by the squared
-    distances d2 (n,) of the landmarks that face the camera."""
-    if not len(d2):
-        return 0.0
+    distance of its best quarter, `Solution.best_d2`."""
     stranger, by_turn, width = _STRANGER
-    return logistic((stranger + by_turn * turn - largest_of_best(d2, 4)) / width)
+    return logistic((stranger + by_turn * turn - d2) / width) if d2 < math.inf else 0.0
 
 
 def logistic(x: float) -> float:

@@ -33,7 +33,8 @@ class AppearanceArrays(NamedTuple):
 
     coefficients (n, 15, 128): of the mean descriptor, see `polynomial`; limit (2,): of tilt and pan, radians;
     offset (n, 128): added to the mean by adaptation; U (n, k, 128), gain (n, k), inverse_floor (n,): the metric, see
-    `linearize_landmarks`; variance (n, 4): of the systematic error, see `marginalize_misplacement`.
+    `linearize_landmarks`, and trust (n,) a factor of it; variance (n, 4): of the systematic error, see
+    `marginalize_misplacement`.
     """
 
     coefficients: Float32
@@ -41,6 +42,7 @@ class AppearanceArrays(NamedTuple):
     U: Float32
     gain: Float32
     inverse_floor: Float32
+    trust: Float32
     limit: Array
     variance: Array
 
@@ -100,10 +102,10 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms: Any, active: Any, at: Any) -> None:
     """Squared distance of every active landmark at q (n, 2), and its derivatives by [u, v, tilt, pan] of the crop.
 
-    Fills residual, M, g and d2 of a `Linearization`, in the metric `I inverse_floor + U^T diag(gain) U`. terms (3, 15):
-    see `polynomial`.
+    Fills residual, M, g and d2 of a `Linearization`, in the metric `trust (I inverse_floor + U^T diag(gain) U)`. terms
+    (3, 15): see `polynomial`.
     """
-    coefficients, offset, U, gain, inverse_floor, _, _ = appearance
+    coefficients, offset, U, gain, inverse_floor, trust, _, _ = appearance
     residuals, M, g, d2, _, _, _, _ = at
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
@@ -146,6 +148,7 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
                 s *= inverse_floor[i]
                 for k in range(rank):
                     s += gain[i, k] * V[a, k] * V[b, k]
+                s *= trust[i]
                 if a == 0:
                     if b == 0:
                         d2[i] = s
@@ -187,11 +190,13 @@ def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
 
 
 @kernel()
-def misplacement_variance(variance: Any, scale: float, units: Any, error: Any) -> Any:
+def misplacement_variance(variance: Any, scale: float, units: Any, a: Any, rest: Any, share: float) -> Any:
     """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, in a crop of which
-    a pixel is `scale` pixels of this one, an error (6,) of the animation, in pixels per unit of length, adds its part
-    in u and v."""
-    out = variance.copy()
+    a pixel is `scale` pixels of this one, how far an animation (6,) is from rest (6,) adds its part in u and v, times
+    `share`, pixels per unit of length."""
+    out, error = variance.copy(), np.empty(rest.size)
+    for k in range(error.size):
+        error[k] = share * (a[k] - rest[k])
     for i in range(out.shape[0]):
         x, y, z = displacement(i, units, error)
         squared = x * x + y * y + z * z
@@ -201,15 +206,13 @@ def misplacement_variance(variance: Any, scale: float, units: Any, error: Any) -
 
 
 @kernel()
-def squared_misplacement(M: Any, g: Any, most: float) -> Any:
-    """Mean square (n,) per axis of the step in the crop that each landmark alone would take; see `Solution`."""
-    out = np.empty(g.shape[0])
-    for i in range(out.size):
-        a, b, c = M[i, 0, 0] + 1e-6, M[i, 0, 1], M[i, 1, 1] + 1e-6
-        determinant = a * c - b * b
-        u, v = (b * g[i, 1] - c * g[i, 0]) / determinant, (b * g[i, 0] - a * g[i, 1]) / determinant
-        out[i] = 0.5 * (min(u * u, most * most) + min(v * v, most * most))
-    return out
+def squared_misplacement(M: Any, g: Any, most: float) -> float:
+    """Mean square per axis, in pixels of the crop, of the step that a landmark alone would take from where the pose
+    puts it, limited to `most`. M (4, 4), g (4,): of a `Linearization`."""
+    a, b, c = M[0, 0] + 1e-6, M[0, 1], M[1, 1] + 1e-6
+    determinant = a * c - b * b
+    u, v = (b * g[1] - c * g[0]) / determinant, (b * g[0] - a * g[1]) / determinant
+    return float(0.5 * (min(u * u, most * most) + min(v * v, most * most)))
 
 
 @kernel(inline="always")
@@ -223,12 +226,14 @@ def insert(value: float, ordered: Any, count: int) -> None:
 
 
 @kernel()
-def student_information(information: Any, moved: Any, firmness: Any, factor: float) -> Any:
+def student_information(information: Any, firmness: Any, moved: Any, within: float, factor: float) -> Any:
     """Information (6,) of the animation about its rest, with the tails of Student's t: `information` times `1 +
-    firmness` at rest, of which the firmness has halved where an entry of moved (6,) is 1; all that times `factor`."""
+    firmness` at rest, of which the firmness has halved where an entry of moved (6,) is `within`; all that times
+    `factor`."""
     out = np.empty(information.size)
     for k in range(out.size):
-        out[k] = factor * information[k] * (1 + firmness[k] / (1 + moved[k] * moved[k]))
+        x = moved[k] / within
+        out[k] = factor * information[k] * (1 + firmness[k] / (1 + x * x))
     return out
 
 
@@ -269,7 +274,7 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
 def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
     maps, sampling, person, appearance, active, scale, prior, view = problem
-    _, _, _, _, _, limit, variance = appearance
+    _, _, _, _, _, _, limit, variance = appearance
     ray = view[1]
     q, J = project(person, pose, view)
     tilt, pan, by_ray = angles_along_ray(ray, pose[0])
@@ -302,7 +307,8 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     return energy
 
 
-def workspace(n: int) -> tuple[Array | Float32, ...]:
+@kernel()
+def workspace(n: int) -> Any:
     """Two linearisations of n landmarks for `solve`, zero for those that take no part, with one more dimension: of the
     lowest point so far, and of the next one."""
 
@@ -321,12 +327,13 @@ def _one_of(k: int, buffers: Any) -> Any:
 
 
 @kernel()
-def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: Any) -> Any:
+def solve(start: Any, problem: Any, iterations: int, tolerance: float) -> Any:
     """Levenberg-Marquardt on Eq. (9), a `PosePosterior`, from a pose; the set of active landmarks is frozen.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns the
-    pose, energy and index in the buffers of the lowest point evaluated, and the number of evaluations.
+    pose, energy and `Linearization` of the lowest point evaluated, and the number of evaluations.
     """
+    buffers = workspace(problem[4].size)
     _, _, _, _, _, _, H, G = buffers
     lowest, free = 0, 1
     energy, damping = np.inf, 1e-3
@@ -354,4 +361,4 @@ def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: 
         if gain < tolerance:
             best = pose
             break
-    return best, energy, lowest, evaluations
+    return best, energy, _one_of(lowest, buffers), evaluations

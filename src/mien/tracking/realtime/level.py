@@ -20,15 +20,11 @@ from mien.geometry.camera import Camera
 @dataclass(frozen=True)
 class Noise:
     """What the noise of the picture does to the squared distances of n landmarks: it adds d2 (n,), and leaves the
-    square of a fraction `contrast` of what the difference of two faces makes."""
+    square of a fraction `contrast` of what the difference of two faces makes. Without it they would tell how strange
+    the landmarks look, not how badly they are seen."""
 
     d2: Array
     contrast: float
-
-    def removed(self, d2: Array) -> Array:
-        """Squared distances (n,) as they would be without noise: how strange the landmarks look, not how badly they are
-        seen."""
-        return np.asarray(np.maximum(d2 - self.d2, 0.0) / self.contrast**2)
 
 
 @dataclass(frozen=True)
@@ -60,12 +56,12 @@ class Level:
         """How far (n,) the landmarks lie behind the face's own surface in the view nearest to a tilt and pan (2,)."""
         return np.asarray(self.behind[_nearest(self.views[0], angles[0]), _nearest(self.views[1], angles[1])])
 
-    def lack_of_fit(self, angles: Array) -> Float32:
-        """Squared distance (n,) between rendered and predicted descriptors at a tilt and pan (2,), interpolated between
-        the nearest four views."""
+    def trust(self, angles: Array, lack_of_fit: float) -> Float32:
+        """Factor (n,) of the information of the landmarks at a tilt and pan (2,): a half where the squared distance
+        between rendered and predicted descriptors, interpolated between the nearest four views, is `lack_of_fit`."""
         by_view = self.appearance.lack_of_fit.reshape(self.behind.shape)
-        fit: Float32 = _bilinear_lookup(by_view, self.views, angles)
-        return fit
+        trust: Float32 = _trust(by_view, self.views, angles, lack_of_fit)
+        return trust
 
     def camera(self, real: Camera, ray: Array, roll: float, distance: float) -> FaceCamera:
         """The camera that sees a face as the views show it. ray (3, 3), roll, distance: of a `solution.Pose`."""
@@ -83,15 +79,16 @@ def _nearest(views: Any, angle: float) -> int:
 
 
 @kernel()
-def _bilinear_lookup(table: Any, views: Any, angles: Any) -> Any:
-    """Row (n,) of a table (k, l, n) over the views' k tilts and l pans at a tilt and pan (2,), by bilinear
-    interpolation; constant beyond the last view."""
+def _trust(table: Any, views: Any, angles: Any, usual: float) -> Any:
+    """`Level.trust` (n,) at a tilt and pan (2,), from a table (k, l, n) of the squared distances in views from k tilts
+    and l pans; constant beyond the last view."""
     row, down = _bracket(views[0], angles[0])
     column, right = _bracket(views[1], angles[1])
     a, b, c, d = table[row, column], table[row, column + 1], table[row + 1, column], table[row + 1, column + 1]
     out = np.empty(a.size, np.float32)
     for i in range(out.size):
-        out[i] = (1 - down) * ((1 - right) * a[i] + right * b[i]) + down * ((1 - right) * c[i] + right * d[i])
+        fit = (1 - down) * ((1 - right) * a[i] + right * b[i]) + down * ((1 - right) * c[i] + right * d[i])
+        out[i] = usual / (usual + fit)
     return out
 
 

@@ -100,15 +100,15 @@ class Motion:
         are aligned once more with the head held, and each of its patches compared with its own contrast."""
         s = self.settings
         assert self.template is not None, "the last frame is remembered before a motion is measured"
-        template, contrast = tuple(self.template), self.template.norms**2 / self.patches.shape[2]
+        template = tuple(self.template)
         (R, t, a), information = align(
-            image, person, self.patches, template, self.weight, tuple(prior), view, s.robust_factor,
-            np.zeros_like(contrast), s.iterations, s.tolerance,
+            image, person, self.patches, template, self.weight, tuple(prior), view, s.robust_factor, 0.0, s.iterations,
+            s.tolerance,
         )  # fmt: skip
         held = prior._replace(pose=(R, t, a), information=prior.information + self.held)
         (_, _, a), _ = align(
             image, person, self.patches, template, self.weight * self.mouth, tuple(held), view, s.robust_factor,
-            s.mouth_share**2 * contrast, s.iterations, s.tolerance,
+            s.mouth_share, s.iterations, s.tolerance,
         )  # fmt: skip
         covariance = inverse_definite(information / s.noise + prior.information)
         return (R, t, a), covariance
@@ -241,16 +241,18 @@ def _add_patch(J: Any, residual: Any, units: Any, JJ: Any, w: float, down: Any, 
 @kernel()
 def align(
     image: Any, person: Any, patches: Any, template: Any, active: Any, prior: Any, view: Any, robust: float,
-    tolerated: Any, iterations: int, tolerance: float,
+    share: float, iterations: int, tolerance: float,
 ) -> Any:  # fmt: skip
     """Gauss-Newton from the prior's pose, with the derivatives of the last frame, until a step promises a gain below
     `tolerance`. Returns the pose and the information (12, 12) of the pixels, taken as independent. A patch loses its
-    weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame, and its square
-    that of `tolerated` (n,)."""
+    weight (Geman and McClure) where its residual exceeds `robust` times the usual one of this frame, and `share` of its
+    own contrast."""
     values, norms, J, JJ, turned = template
     n, m = values.shape
     pose = prior[0]
-    residual, off = np.empty((n, m), np.float32), np.zeros(n)
+    residual, off, tolerated = np.empty((n, m), np.float32), np.zeros(n), np.empty(n)
+    for i in range(n):
+        tolerated[i] = share * share * norms[i] * norms[i] / m
     q = np.empty((3, m))
     H, G, D, down = (
         np.empty((STATE_SIZE, STATE_SIZE)),

@@ -38,6 +38,8 @@ JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss"
 """Landmarks that the jaw carries."""
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
+_LIKE_ITSELF = 1e-3
+"""Robust weight above which a landmark still looks so much like itself that its place can be found."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
 _LARGEST_MISPLACEMENT = 4.0
 """Pixels of the crop: what is found further from where the pose puts a landmark is something else."""
@@ -135,21 +137,22 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """How much of the appearance at a solution was learned in turns: the mean over the landmarks that face the
         camera."""
-        return _masked_mean(self.adaptation.share(solution.pose.angles), solution.facing)
+        return _mean_of(self.adaptation.share(solution.pose.angles), solution.facing)
 
-    def layer(self, solution: Solution, most: float, view: Array) -> float:
+    def layer(self, solution: Solution, view: Array) -> float:
         """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests
-        on, by their weight: those that are seen, see `Solution.is_seen`, and uncovered; 0 without any."""
-        seen = solution.is_seen(most) & ~self.covers.covered
-        spread: float = _spread(self.neutral, view, solution.w, seen)
+        on, by their weight: those that are seen, see `Solution.seen`, and uncovered; 0 without any."""
+        spread: float = _spread(self.neutral, view, solution.w, solution.seen & ~self.covers.covered)
         return spread
 
     def misplacement_variance(self, level: Level, animation: Array) -> Array:
         """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
         no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
         pixels_per_unit, measured = level.descriptor.pixels_per_unit, self.face.fine.descriptor.pixels_per_unit
-        error = self.settings.misplacement.unit_error * pixels_per_unit * (animation - self.rest)
-        variance: Array = kernels.misplacement_variance(self.variance, pixels_per_unit / measured, self.units, error)
+        share = self.settings.misplacement.unit_error * pixels_per_unit
+        variance: Array = kernels.misplacement_variance(
+            self.variance, pixels_per_unit / measured, self.units, animation, self.rest, share
+        )
         return variance
 
     def learn(self, solution: Solution, agreement: Array) -> bool:
@@ -163,11 +166,8 @@ class Person:
     def _learn_distances(self, solution: Solution) -> None:
         """Expect of each landmark the distance that it mostly has."""
         s = self.settings.weights
-        # What is trusted is less than what is expected: without a floor the trust would shrink for ever.
-        trusted = solution.facing & (solution.w > TRUSTED)
-        _update_average(self.expected[:, None], 1, solution.d2, trusted, s.expectation_rate, s.least_distance)
-        # Some are trusted beyond what is expected.
-        np.minimum(self.expected, s.expected_distance, out=self.expected)
+        limits = s.least_distance, s.expected_distance
+        _learn_distances(self.expected, solution.d2, solution.facing, solution.w, s.expectation_rate, limits)
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture
@@ -212,15 +212,13 @@ class Person:
 
     def _learn_locations(self, solution: Solution) -> None:
         """Trust a landmark less that is often found beside where the pose puts it."""
-        s = self.settings
-        found = solution.facing & (solution.w > 1e-3)
-        variance = self.least_variance + solution.squared_misplacement(_LARGEST_MISPLACEMENT)
-        _update_average(self.variance, 2, variance, found, s.misplacement.rate, 0.0)
+        at, rate = solution.at, self.settings.misplacement.rate
+        _learn_locations(self.variance, self.least_variance, at.M, at.g, solution.facing, at.w, rate)
 
     def _learn_shape(self, solution: Solution) -> bool:
         pose = solution.pose
         share = self.adaptation.share(pose.angles)
-        if _masked_mean(share, solution.facing) > _MOST_LEARNED:
+        if _mean_of(share, solution.facing) > _MOST_LEARNED:
             return False
         novelty = self.shape.novelty(pose.angles, pose.animation - self.rest)
         if novelty == 0:
@@ -235,14 +233,26 @@ class Person:
 
 
 @kernel()
-def _update_average(means: Any, columns: int, values: Any, of: Any, rate: float, least: float) -> None:
-    """Moving average of the first columns of means (n, k) by values (n,), for those that are `of` (n,); never below
-    `least`."""
-    for i in range(values.size):
-        for k in range(columns):
-            if of[i]:
-                means[i, k] += rate * (values[i] - means[i, k])
-            means[i, k] = max(means[i, k], least)
+def _learn_distances(expected: Any, d2: Any, facing: Any, w: Any, rate: float, limits: Any) -> None:
+    """Moving average of the squared distances expected (n,) of the landmarks that are trusted, within limits: what is
+    trusted is less than what is expected, so that without a floor the trust would shrink for ever; and some are trusted
+    beyond what is expected."""
+    least, most = limits
+    for i in range(d2.size):
+        if facing[i] and w[i] > TRUSTED:
+            expected[i] += rate * (d2[i] - expected[i])
+        expected[i] = min(max(expected[i], least), most)
+
+
+@kernel()
+def _learn_locations(variance: Any, least: Any, M: Any, g: Any, facing: Any, w: Any, rate: float) -> None:
+    """Moving average of the variance (n, 4) of the position of the landmarks that look like themselves: of the square,
+    per axis, of the step that each alone would take, see `kernels.squared_misplacement`, and at least `least` (n,)."""
+    for i in range(w.size):
+        if facing[i] and w[i] > _LIKE_ITSELF:
+            squared = kernels.squared_misplacement(M[i], g[i], _LARGEST_MISPLACEMENT)
+            for k in range(2):
+                variance[i, k] += rate * (least[i] + squared - variance[i, k])
 
 
 @kernel()
@@ -260,7 +270,12 @@ def _spread(points: Any, direction: Any, weight: Any, of: Any) -> float:
     return float(np.sqrt(max(second / total - mean * mean, 0.0)))
 
 
-def _masked_mean(values: Float32, of: Mask) -> float:
+@kernel()
+def _mean_of(values: Any, of: Any) -> float:
     """Mean of the values (n,) that are `of` (n,), 0 if there are none."""
-    count = np.count_nonzero(of)
-    return float(values @ of) / count if count else 0.0
+    total, count = 0.0, 0
+    for i in range(of.size):
+        if of[i]:
+            total += values[i]
+            count += 1
+    return total / max(count, 1)

@@ -60,12 +60,17 @@ def viewing_ray(point: Any, R: Any, t: Any) -> Any:
 @kernel()
 def sight_of(point: Any, R: Any, t: Any) -> Any:
     """How a head is seen: `viewing_ray` (3, 3) of a point; along it tilt and pan (2,) and roll of the head in radians,
-    and the distance of its origin."""
+    and the distance of its origin; and the unit vector (3,) to its origin in camera and in head axes."""
     ray = viewing_ray(point, R, t)
-    angles = np.empty(2)
+    angles, sight, seen_from = np.empty(2), np.empty(3), np.empty(3)
     angles[0], angles[1], by_rotation = angles_along_ray(ray, R)
     roll = np.arctan2(by_rotation[0, 1], by_rotation[0, 0])
-    return ray, angles, roll, ray[0, 2] * t[0] + ray[1, 2] * t[1] + ray[2, 2] * t[2]
+    length = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+    for k in range(3):
+        sight[k] = t[k] / length
+        seen_from[k] = (R[0, k] * t[0] + R[1, k] * t[1] + R[2, k] * t[2]) / length
+    distance = ray[0, 2] * t[0] + ray[1, 2] * t[1] + ray[2, 2] * t[2]
+    return ray, angles, roll, distance, sight, seen_from
 
 
 @kernel()

@@ -51,6 +51,7 @@ class StatePrior:
         s = self.settings
         squared_sine = max(1 - float(predicted.pose.seen_from @ self.seen_from) ** 2, 0.0)
         turned = squared_sine / math.sin(math.radians(s.rest.turn_deg)) ** 2
-        moved = (predicted.last.animation - self.rest) / s.rest.within
-        information: Array = kernels.student_information(self.rest_information, moved, self.firmness, 1 + turned)
+        information: Array = kernels.student_information(
+            self.rest_information, self.firmness, predicted.last.animation - self.rest, s.rest.within, 1 + turned
+        )
         return information

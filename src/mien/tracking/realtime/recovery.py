@@ -214,7 +214,7 @@ class Recovery:
         a head that has turned aside, or where the detector or the keyframes propose. None if it is nowhere else.
 
         last: where it was seen last; lost_frames: how many frames ago that was."""
-        s, share = self.settings, here.inlier_share(self.settings.seen_distance)
+        s, share = self.settings, here.inlier_share
         lost, strange = share < s.least_share, share < s.recovered_share and self.solver.misfits(here)
         than = None if lost else here
         self.strange_frames = self.strange_frames + 1 if strange else 0
@@ -254,7 +254,7 @@ class Recovery:
         for start in starts:
             coarse = self.solver.coarse(frame, self.prior.prediction(start, last), start)
             view, solution = self.solver.refine(frame, self.prior.prediction(coarse, last))
-            looks_like_it = solution.inlier_share(s.seen_distance) >= s.recovered_share
+            looks_like_it = solution.inlier_share >= s.recovered_share
             if looks_like_it and (than is None or _fits_better(solution, than)):
                 yield view, solution
 

@@ -30,8 +30,8 @@ _STEEPEST = 6.0
 class ShapePosterior:
     """Gaussian over the positions (n, 3) of n landmarks, head axes, CANDIDE units, in information form.
 
-    mean: (n, 3); relief_sd: standard deviation of the share by which the whole relief may still be too deep or too
-    flat.
+    mean: (n, 3); lean: (2,) tilt and pan in radians by which the depths lean away from those of the first frame;
+    relief_sd: standard deviation of the share by which the whole relief may still be too deep or too flat.
     """
 
     def __init__(self, neutral: Array, normals: Array, eyes: Mask, R: Array, t: Array, settings: ShapeSettings) -> None:
@@ -48,11 +48,6 @@ class ShapePosterior:
         self.visits: dict[tuple[int, ...], float] = {}
         self.looks: dict[tuple[int, ...], int] = {}
         self._solve()
-
-    @property
-    def lean(self) -> Array:
-        """(2,) tilt and pan in radians by which the depths lean away from those of the first frame."""
-        return np.asarray(self.slopes @ (self.mean - self.start)[:, 2])
 
     def novelty(self, angles: Array, expression: Array) -> float:
         """Share in [0, 1] of a frame's information that is new, at a tilt and pan (2,) in radians and an animation
@@ -84,11 +79,13 @@ class ShapePosterior:
         return True
 
     def _solve(self) -> None:
-        """Find `mean` and `relief_sd`."""
+        """Find `mean`, `lean` and `relief_sd`."""
         self.added = 0.0
         found = solve_definite(self.information, self.right_sides)
         self.relief_sd = math.sqrt(self.deepening @ found[:, 1]) / float(self.deepening @ self.deepening)
-        self.mean: Array = self.start + found[:, 0].reshape(-1, 3)
+        moved = found[:, 0].reshape(-1, 3)
+        self.mean: Array = self.start + moved
+        self.lean: Array = self.slopes @ moved[:, 2]
 
 
 @kernel()

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from mien.appearance.descriptors import orientation_maps
 from mien.appearance.views import CENTRE
 from mien.arrays import Array, Float32, Mask
+from mien.compiled import kernel
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.definite import inverse_definite
@@ -32,7 +34,7 @@ class Pose:
 
     def moved(self, step: Array) -> Pose:
         """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
-        return Pose(pose_geometry.rotate(step[:3], self.R), self.t + step[3:6], self.animation + step[6:])
+        return Pose(*pose_geometry.step_back(self.arrays, -step))
 
     @cached_property
     def arrays(self) -> PoseArrays:
@@ -40,20 +42,20 @@ class Pose:
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     @cached_property
-    def _sight(self) -> tuple[Array, Array, float, float]:
-        """Rotation to the middle of the face, tilt and pan, roll, distance."""
-        sight: tuple[Array, Array, float, float] = pose_geometry.sight_of(CENTRE, self.arrays[0], self.t)
+    def _sight(self) -> tuple[Array, Array, float, float, Array, Array]:
+        """Rotation to the middle of the face, tilt and pan, roll, distance, line of sight in camera and head axes."""
+        sight: tuple[Array, Array, float, float, Array, Array] = pose_geometry.sight_of(CENTRE, self.arrays[0], self.t)
         return sight
 
-    @cached_property
+    @property
     def line_of_sight(self) -> Array:
         """(3,) unit vector to the origin of the head's axes, camera axes."""
-        return np.asarray(self.t / math.sqrt(float(self.t @ self.t)))
+        return self._sight[4]
 
-    @cached_property
+    @property
     def seen_from(self) -> Array:
         """(3,) the same in head axes: from where the head is seen."""
-        return np.asarray(self.R.T @ self.line_of_sight)
+        return self._sight[5]
 
     @property
     def ray(self) -> Array:
@@ -139,17 +141,21 @@ class View:
         return math.hypot(x * z0 / z - x0, y * z0 / z - y0)
 
 
-def largest_of_best(values: Array, part: int = 2) -> float:
+@kernel(fastmath={"contract"})
+def largest_of_best(values: Any, part: int = 2) -> float:
     """Largest of the smallest half of values (n,), or of a smaller part, as of 4 the quarter; infinite without any."""
-    ordered = sorted(values.tolist())  # for a few numbers faster than NumPy
-    return float(ordered[len(ordered) // part]) if ordered else math.inf
+    ordered = np.empty(values.size)
+    for i in range(values.size):
+        kernels.insert(values[i], ordered, i)
+    return float(ordered[values.size // part]) if values.size else np.inf
 
 
 @dataclass(frozen=True)
 class Solution:
     """The lowest point of Eq. (9) that a solve found, and what was observed there.
 
-    facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance.
+    facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance; most:
+    squared distance, without noise, up to which a landmark is seen.
     """
 
     pose: Pose
@@ -158,16 +164,12 @@ class Solution:
     facing: Mask
     expected: Array
     noise: Noise
+    most: float
 
     @property
     def d2(self) -> Array:
         """Squared distance (n,) of each landmark from what was expected."""
         return self.at.d2
-
-    @cached_property
-    def d2_without_noise(self) -> Array:
-        """The same as it would be without noise, see `Noise`."""
-        return self.noise.removed(self.at.d2)
 
     @property
     def w(self) -> Array:
@@ -180,43 +182,88 @@ class Solution:
         return inverse_definite(self.at.H)
 
     @cached_property
+    def _judged(self) -> tuple[Array, Mask, tuple[float, ...]]:
+        """What follows from the squared distances: see `_judge`."""
+        noise, n = self.noise, len(LANDMARK_NAMES)
+        judged: tuple[Array, Mask, tuple[float, ...]] = _judge(
+            self.at.d2, noise.d2, noise.contrast, self.facing, self.expected, self.most, n
+        )
+        return judged
+
+    @property
+    def d2_without_noise(self) -> Array:
+        """The squared distances (n,) as they would be without noise, see `Noise`."""
+        return self._judged[0]
+
+    @property
+    def seen(self) -> Mask:
+        """Which landmarks (n,) face the camera and are, without noise, at most `most` away."""
+        return self._judged[1]
+
+    @property
+    def seen_share(self) -> float:
+        """Share of these of all landmarks."""
+        return self._judged[2][0]
+
+    @property
+    def seen_d2(self) -> float:
+        """Their median squared distance; 0 without any."""
+        return self._judged[2][1]
+
+    @property
     def misfit(self) -> float:
         """Median, over the landmarks that face the camera, of squared distance over expected one; infinite without
         any."""
-        return self.misfit_of(self.facing)
+        return self._judged[2][2]
 
-    @cached_property
+    @property
     def best_misfit(self) -> float:
         """The same for the best quarter of them, which may be all that something leaves of a face."""
-        return self.misfit_of(self.facing, 4)
+        return self._judged[2][3]
 
-    def misfit_of(self, seen: Mask, part: int = 2) -> float:
-        """The same of the landmarks `seen` (n,), for the best half of them or a smaller part."""
-        return largest_of_best(self.d2_without_noise[seen] / self.expected[seen], part)
+    @property
+    def inlier_share(self) -> float:
+        """Share of the landmarks that face the camera, without the anchors, whose squared distance is at most `most`; 0
+        if they are too few to locate a face. Anchors are plain skin, which looks like much else."""
+        return self._judged[2][4]
 
-    def is_seen(self, most: float) -> Mask:
-        """Which landmarks (n,) face the camera and are, without noise, at most `most` away."""
-        return np.asarray(self.facing & (self.d2_without_noise <= most))
+    @property
+    def best_d2(self) -> float:
+        """Largest squared distance of the best quarter of the same landmarks; infinite without any."""
+        return self._judged[2][5]
 
-    def seen(self, most: float) -> tuple[Array, float]:
-        """Squared distances (m,) of these landmarks, and their share of all."""
-        d2 = self.d2[self.is_seen(most)]
-        return d2, len(d2) / len(self.d2)
+    def misfit_of(self, which: Mask) -> float:
+        """`misfit` of the landmarks `which` (n,)."""
+        misfit: float = largest_of_best(self.d2_without_noise[which] / self.expected[which])
+        return misfit
 
-    @cached_property
-    def distinctive_d2(self) -> Array:
-        """Squared distances (m,) of what faces the camera and distinguishes a face from other things: the landmarks,
-        without the anchors, since plain skin looks like much else."""
-        n = len(LANDMARK_NAMES)
-        return np.asarray(self.d2_without_noise[:n][self.facing[:n]])
 
-    def inlier_share(self, most: float) -> float:
-        """Share of these whose squared distance is at most `most`; 0 if they are too few to locate a face."""
-        telling = self.distinctive_d2
-        count = np.count_nonzero(telling <= most)
-        return count / len(telling) if count >= _LEAST_LANDMARKS else 0.0
+@kernel(fastmath={"contract"})
+def _judge(d2: Any, noise: Any, contrast: float, facing: Any, expected: Any, most: float, telling: int) -> Any:
+    """What squared distances d2 (n,) say of a face.
 
-    def squared_misplacement(self, most: float) -> Array:
-        """Mean square (n,) per axis, in pixels of the crop, of the step that each landmark alone would take from where
-        the pose puts it, limited to `most`."""
-        return np.asarray(kernels.squared_misplacement(self.at.M, self.at.g, most))
+    noise (n,), contrast: see `Noise`; facing (n,), expected (n,), most: of a `Solution`; telling: how many landmarks,
+    the first ones, tell a face from other things. Returns d2 without noise (n,), which landmarks are seen (n,), and the
+    numbers that `Solution` names: `seen_share`, `seen_d2`, `misfit`, `best_misfit`, `inlier_share`, `best_d2`.
+    """
+    n = d2.size
+    clean, seen = np.empty(n), np.empty(n, np.bool_)
+    of_seen, ratios, of_telling = np.empty(n), np.empty(n), np.empty(n)  # in order
+    count, shown, told, inliers = 0, 0, 0, 0
+    for i in range(n):
+        clean[i] = max(d2[i] - noise[i], 0.0) / (contrast * contrast)
+        seen[i] = facing[i] and clean[i] <= most
+        if seen[i]:
+            kernels.insert(d2[i], of_seen, count)
+            count += 1
+        if facing[i]:
+            kernels.insert(clean[i] / expected[i], ratios, shown)
+            shown += 1
+            if i < telling:
+                kernels.insert(clean[i], of_telling, told)
+                told += 1
+                inliers += seen[i]
+    misfit, best_misfit = (ratios[shown // 2], ratios[shown // 4]) if shown else (np.inf, np.inf)
+    inlier_share = inliers / told if inliers >= _LEAST_LANDMARKS else 0.0
+    seen_d2, best_d2 = of_seen[count // 2] if count else 0.0, of_telling[told // 4] if told else np.inf
+    return clean, seen, (count / n, seen_d2, misfit, best_misfit, inlier_share, best_d2)

@@ -20,9 +20,6 @@ from mien.tracking.realtime.posterior import PosePosterior
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 
-_UNWEIGHTED = 1e-9
-"""Factor of the weight of a landmark that is looked at, but takes no part."""
-
 
 class PoseSolver:
     """Looks at a frame through the crop for a pose, and minimises Eq. (9) there."""
@@ -86,8 +83,8 @@ class PoseSolver:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
         s = self.settings
         found = self.posterior(view, predicted).solve(start.arrays, s.solver.iterations, s.solver.tolerance)
-        expected, noise = self.person.expected.copy(), view.level.noise
-        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, expected, noise)
+        expected, noise, most = self.person.expected.copy(), view.level.noise, s.recovery.seen_distance
+        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, expected, noise, most)
 
     def misfits(self, found: Solution) -> bool:
         """Whether a solution looks unlike the face."""
@@ -96,7 +93,6 @@ class PoseSolver:
     def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) in one view, with its prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance
-        trust = 1 / (1 + level.lack_of_fit(view.pose.angles) / self.settings.covariance.lack_of_fit)
         return PosePosterior(
             maps=view.maps,
             sampling=view.sampling,
@@ -106,11 +102,12 @@ class PoseSolver:
                 limit=appearance.limit,
                 offset=person.adapted_offset(level, view.upright),
                 U=appearance.U,
-                gain=trust[:, None] * appearance.gain,
-                inverse_floor=trust * appearance.inverse_floor,
+                gain=appearance.gain,
+                inverse_floor=appearance.inverse_floor,
+                trust=level.trust(view.pose.angles, self.settings.covariance.lack_of_fit),
                 variance=person.misplacement_variance(level, predicted.last.animation),
             ),
-            active=np.where(view.facing, np.where(person.covers.covered, _UNWEIGHTED, 1.0), 0.0),
+            active=view.facing * person.covers.weight,
             scale=person.tolerance * person.expected,
             prior=self.prior.arrays(predicted),
             view=view.geometry,

@@ -175,7 +175,7 @@ class RealtimeTracker:
         if found is not None:
             (view, solution), status = found, Status.RECOVERED
             self.closing = self.person.closing(solution)
-        elif solution.inlier_share(s.recovery.seen_distance) < s.recovery.least_share:
+        elif solution.inlier_share < s.recovery.least_share:
             return self._lose(frame, view, solution)
         self.velocity = self.pose.step_to(solution.pose) * (status is Status.TRACKED)
         self.velocity[6:] = 0  # a head keeps moving, an expression does not
@@ -203,7 +203,7 @@ class RealtimeTracker:
     def _familiarity(self, solution: Solution) -> float:
         """`familiarity` of a solution that is the present pose."""
         cosine = float(self.pose.seen_from @ self.axes.first.seen_from)
-        return familiarity(solution.distinctive_d2, math.acos(min(max(cosine, -1.0), 1.0)))
+        return familiarity(solution.best_d2, math.acos(min(max(cosine, -1.0), 1.0)))
 
     def _surroundings(self, frame: Frame) -> float:
         """Correlation of the surroundings of the face with those of `LOOK_BACK` frames ago."""
@@ -253,7 +253,7 @@ class RealtimeTracker:
         view = self.solver.view(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._predict_from_motion(view, predicted)
         view, best = self.solver.refine(frame, moved, view=view)
-        share = best.inlier_share(s.recovery.seen_distance)
+        share = best.inlier_share
         if self.solver.misfits(best) and (moved is predicted or share < s.solver.retry_share):
             if moved is not predicted:
                 view, best = self.solver.refine(frame, predicted)
@@ -276,12 +276,11 @@ class RealtimeTracker:
         """Where few landmarks are seen, fuse the solution with the prediction, each weighed by its information: that a
         head moves little in a frame then says more than the landmarks do."""
         s = self.settings
-        d2, share = found.seen(s.recovery.seen_distance)
-        if share >= s.hold.share:
+        if found.seen_share >= s.hold.share:
             return found
         sd = state_sd(s.hold.rotation_deg, s.hold.translation, s.hold.translation, s.hold.animation, s.prior.jaw)
         inertia = np.diag(1 / sd**2)
-        information = found.at.H / frame_variance(d2, share)
+        information = found.at.H / frame_variance(found.seen_d2, found.seen_share)
         back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
         return replace(found, pose=found.pose.moved(-back))
 
@@ -323,15 +322,14 @@ class RealtimeTracker:
         closing = self.closing
         X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
         shut = self.person.eyes[:n] & self._eyes_are_shut
-        most = self.settings.recovery.seen_distance
-        d2, share = solution.seen(most)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
         shape = self.person.shape
-        layer = self.person.layer(solution, most, self.axes.first.seen_from)
+        layer = self.person.layer(solution, self.axes.first.seen_from)
         lean, learned = math.hypot(*shape.lean.tolist()), self.person.learned_share(solution)
         moved = self.pose.animation - self.first_animation
         relief = ReliefError(shape.relief_sd, lean, learned, layer)
+        d2, share = solution.seen_d2, solution.seen_share
         covariance = state_covariance(solution.step_covariance, d2, share, self.pose, moved, self.axes.first, relief)
         if self.camera.focal_log_sd > 0:
             covariance[:6, :6] += focal_covariance(self.pose.t, self.axes.first.ray, self.camera.focal_log_sd)

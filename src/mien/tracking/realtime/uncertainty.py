@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from mien.arrays import Array, Mask
+from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.geometry.rotation import ray_rotation
 from mien.tracking.realtime.identity import logistic
-from mien.tracking.realtime.solution import Pose, largest_of_best
+from mien.tracking.realtime.solution import Pose
 
 NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
@@ -143,10 +143,10 @@ class ReliefError:
 
 
 def state_covariance(
-    spread: Array, d2: Array, seen: float, pose: Pose, moved: Array, first: Reference, relief: ReliefError
+    spread: Array, d2: float, seen: float, pose: Pose, moved: Array, first: Reference, relief: ReliefError
 ) -> Array:
-    """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the squared distances
-    d2 (n,) of the landmarks that are seen, a share `seen` of all, at a pose whose units have moved by `moved` (6,)
+    """Covariance (12, 12) of `[w, t, a]` from the inverse (12, 12) of the Gauss-Newton matrix and the median squared
+    distance of the landmarks that are seen, a share `seen` of all, at a pose whose units have moved by `moved` (6,)
     since the first frame; w, in camera axes, is the error that the rotation has beyond that of the first frame's, a
     likewise, and t has the unit of length of the fitted face."""
     seen_from, expression = pose.seen_from, float(moved @ moved)
@@ -193,12 +193,11 @@ def focal_covariance(t: Array, first_ray: Array, log_sd: float) -> Array:
     return log_sd**2 * np.outer(error, error)
 
 
-def frame_variance(d2: Array, seen: float) -> float:
+def frame_variance(d2: float, seen: float) -> float:
     """Factor from the inverse of the Gauss-Newton matrix to the covariance of one frame's own error; d2 and seen as of
     `state_covariance`."""
-    misfit = largest_of_best(d2) / MISFIT_DISTANCE if len(d2) else 0.0
     # What is wrong with the landmarks is not independent: with few of them it averages less than the matrix thinks.
-    return NOISE_SCALE**2 * (1 + misfit) / max(seen, LEAST_SEEN)
+    return NOISE_SCALE**2 * (1 + d2 / MISFIT_DISTANCE) / max(seen, LEAST_SEEN)
 
 
 def systematic_covariance(
@@ -257,7 +256,8 @@ def confidence(covariance: Array, seen: float, familiar: float, known: float = 0
     return right * logistic((seen - least) / width) * max(familiar, _STILL_KNOWN * known)
 
 
-def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
+@kernel()
+def visibility(d2: Any, facing: Any, agreement: Any, mouth: Any) -> Any:
     """Probability (n,) that nothing covers a landmark, from the squared distances d2 (n,); 0 for those that do not face
     the camera.
 
@@ -266,6 +266,9 @@ def visibility(d2: Array, facing: Mask, agreement: Array, mouth: Mask) -> Array:
     comes gradually, and stays on the face.
     """
     bias, by_distance, by_agreement = _VISIBLE
-    strange = by_distance * np.log(np.maximum(d2, 1.0))
-    evidence = bias + strange + by_agreement * agreement + _VISIBLE_MOUTH * mouth
-    return np.asarray(facing / (1 + np.exp(-evidence)))
+    visible = np.zeros(d2.size)
+    for i in range(d2.size):
+        if facing[i]:
+            evidence = bias + by_distance * np.log(max(d2[i], 1.0)) + by_agreement * agreement[i]
+            visible[i] = 1 / (1 + np.exp(-evidence - _VISIBLE_MOUTH * mouth[i]))
+    return visible
