@@ -148,10 +148,19 @@ def _resample(gray: Any, to_image: Any, origin: Any, shrink: int, out: Any) -> N
             out[v, u] = upper + fy[u] * (lower - upper)
 
 
-def is_blank(gray: Float32) -> bool:
-    """Whether an image shows nothing, judged by every fourth row: descriptors have unit length and would describe its
-    noise."""
-    return float(cv2.meanStdDev(gray[::4])[1][0, 0]) < _BLANK
+@kernel()
+def is_blank(gray: Any) -> bool:
+    """Whether a grey image (h, w) shows nothing, judged by every fourth row: descriptors have unit length and would
+    describe its noise."""
+    total, squared, count = 0.0, 0.0, 0
+    for y in range(0, gray.shape[0], 4):
+        for x in range(gray.shape[1]):
+            value = gray[y, x] - gray[0, 0]
+            total += value
+            squared += value * value
+            count += 1
+    mean = total / count
+    return bool(squared / count - mean * mean < _BLANK * _BLANK)
 
 
 def blurred(gray: Float32, sd: float) -> Float32:

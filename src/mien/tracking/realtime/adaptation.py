@@ -52,6 +52,8 @@ class Adaptation:
     def share(self, angles: Array) -> Float32:
         """(n,) how far the appearance of each landmark at a tilt and pan (2,) was learned here: 0 where it is the first
         frame's, 1 where it is what was seen when the face turned there."""
+        if not self.begun:
+            return np.zeros(len(self.nothing), np.float32)
         share: Float32 = _share(angles - self.first, self.near, self.learned)
         return share
 

@@ -15,7 +15,7 @@ import numpy as np
 from mien.arrays import Array, Mask
 from mien.compiled import kernel
 from mien.config.realtime import VisibilitySettings
-from mien.tracking.realtime.solution import largest_of_best
+from mien.tracking.realtime.kernels import insert
 
 _USUAL, _OF_THE_BEST = 25.0, 2.0
 """Squared distance at which a landmark looks strange beside a covered one: at least the first, and the second times
@@ -72,21 +72,23 @@ def _updated(
 ) -> Any:
     """`covered`, `suspected` and `weight` (n,) of `Covers` after a frame. beside: (n, n) which landmarks lie beside
     each other; least: how many have to be covered to be believed."""
-    n = d2.size
-    now, suspects, weight = np.zeros(n, np.bool_), np.empty(n, np.bool_), np.empty(n)
-    usual = max(_USUAL, _OF_THE_BEST * largest_of_best(d2[facing], 4))
-    found = 0
+    n, count, found = d2.size, 0, 0
+    shown, alone, now, suspects, weight = (
+        np.empty(n), np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n)
+    )  # fmt: skip
     for i in range(n):
-        strange = d2[i] > usual
-        suspects[i] = (suspected[i] or agreement[i] < _CAME) and (strange or not facing[i])
+        if facing[i]:
+            insert(d2[i], shown, count)
+            count += 1
+    usual = max(_USUAL, _OF_THE_BEST * (shown[count // 4] if count else np.inf))
+    for i in range(n):
+        suspects[i] = (suspected[i] or agreement[i] < _CAME) and (d2[i] > usual or not facing[i])
         beyond = _STILL_COVERED if covered[i] else _COVERED
-        now[i] = facing[i] and telling[i] and (covered[i] or suspects[i]) and d2[i] > beyond * usual
-        found += now[i]
-    alone = now.copy()
+        alone[i] = facing[i] and telling[i] and (covered[i] or suspects[i]) and d2[i] > beyond * usual
+        found += alone[i]
     for i in range(n):
-        if found < least:
-            now[i] = False
-        elif facing[i] and d2[i] > usual:
+        now[i] = alone[i] and found >= least
+        if facing[i] and d2[i] > usual and found >= least:
             for j in range(n):
                 now[i] = now[i] or (alone[j] and beside[j, i])
         now[i] = now[i] or (covered[i] and not facing[i])

@@ -73,7 +73,7 @@ _POINT = (0.0, 0.0)
 Kernel = tuple[Any, tuple[Any, ...]]
 """A kernel, and examples of what tracking calls it with."""
 POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
-SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0)
+SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
 _KERNELS: tuple[Kernel, ...] = (
     (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
@@ -88,7 +88,6 @@ _KERNELS: tuple[Kernel, ...] = (
      (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, 0.0, 1, 0.0)),
     (person._learn_distances, (_array(1), _array(1), _SEEN, _array(1), 0.0, (0.0, 0.0))),
     (person._learn_locations, (_array(2), _array(1), _array(3), _array(2), _SEEN, _array(1), 0.0)),
-    (person._mean_of, (_single(1), _SEEN)),
     (person._spread, (_array(2), _array(1), _array(1), _SEEN)),
     (kernels.student_information, (*[_array(1)] * 3, 0.0, 0.0)),
     (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1), _array(1), 0.0)),
@@ -97,6 +96,8 @@ _KERNELS: tuple[Kernel, ...] = (
     (uncertainty.visibility, (_array(1), _SEEN, _array(1), _SEEN)),
     (face_camera._homographies, (_array(1), _array(2), 0.0, 0.0, 0.0, 1)),
     (crop._bounds, (_array(2), 1, 1, 1)),
+    (crop.is_blank, (_single(2),)),
+    (patch_history._follow, (_array(1), _array(1))),
     (pose_geometry.sight_of, (_array(1), _array(2), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),

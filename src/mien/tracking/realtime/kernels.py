@@ -307,8 +307,7 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     return energy
 
 
-@kernel()
-def workspace(n: int) -> Any:
+def workspace(n: int) -> tuple[Array | Float32, ...]:
     """Two linearisations of n landmarks for `solve`, zero for those that take no part, with one more dimension: of the
     lowest point so far, and of the next one."""
 
@@ -327,13 +326,12 @@ def _one_of(k: int, buffers: Any) -> Any:
 
 
 @kernel()
-def solve(start: Any, problem: Any, iterations: int, tolerance: float) -> Any:
+def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: Any) -> Any:
     """Levenberg-Marquardt on Eq. (9), a `PosePosterior`, from a pose; the set of active landmarks is frozen.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns the
-    pose, energy and `Linearization` of the lowest point evaluated, and the number of evaluations.
+    pose, energy and index in the buffers of the lowest point evaluated, and the number of evaluations.
     """
-    buffers = workspace(problem[4].size)
     _, _, _, _, _, _, H, G = buffers
     lowest, free = 0, 1
     energy, damping = np.inf, 1e-3
@@ -361,4 +359,4 @@ def solve(start: Any, problem: Any, iterations: int, tolerance: float) -> Any:
         if gain < tolerance:
             best = pose
             break
-    return best, energy, _one_of(lowest, buffers), evaluations
+    return best, energy, lowest, evaluations

@@ -58,8 +58,7 @@ class PatchHistory:
             return 0.0, 0.0
         earlier, last, now = self.frames[0], self.frames[-2], self.frames[-1]
         correlation, median = _agreement(last, now, self.distinctive, last[2])
-        self.agreement += _AGREEMENT_RATE * (correlation - self.agreement)
-        np.minimum(self.agreement, correlation, out=self.agreement)
+        _follow(self.agreement, correlation)
         self.later.add(_agreement(earlier, now, self.distinctive, weight)[1], time)
         return median, max(self.later)
 
@@ -83,6 +82,14 @@ class PatchHistory:
             self.later.restart(1.0)
             self.kept = None
         return matches
+
+
+@kernel()
+def _follow(agreement: Any, correlation: Any) -> None:
+    """`PatchHistory.agreement` (n,) after a frame with these correlations (n,)."""
+    for i in range(agreement.size):
+        average = agreement[i] + _AGREEMENT_RATE * (correlation[i] - agreement[i])
+        agreement[i] = min(average, correlation[i])
 
 
 @kernel()

@@ -137,7 +137,9 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """How much of the appearance at a solution was learned in turns: the mean over the landmarks that face the
         camera."""
-        return _mean_of(self.adaptation.share(solution.pose.angles), solution.facing)
+        if not (self.adaptation.begun and solution.facing.any()):
+            return 0.0
+        return float(self.adaptation.share(solution.pose.angles)[solution.facing].mean())
 
     def layer(self, solution: Solution, view: Array) -> float:
         """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests
@@ -217,14 +219,13 @@ class Person:
 
     def _learn_shape(self, solution: Solution) -> bool:
         pose = solution.pose
-        share = self.adaptation.share(pose.angles)
-        if _mean_of(share, solution.facing) > _MOST_LEARNED:
+        if self.learned_share(solution) > _MOST_LEARNED:
             return False
         novelty = self.shape.novelty(pose.angles, pose.animation - self.rest)
         if novelty == 0:
             return False
         regularizer = novelty * _STEP_INFORMATION
-        weight = novelty * solution.w * (1 - share)
+        weight = novelty * solution.w * (1 - self.adaptation.share(pose.angles))
         at = solution.at
         Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, regularizer)
         changed = self.shape.add(self.neutral, Lambda, gradient, novelty)
@@ -268,14 +269,3 @@ def _spread(points: Any, direction: Any, weight: Any, of: Any) -> float:
             second += weight[i] * along * along
     mean = first / total
     return float(np.sqrt(max(second / total - mean * mean, 0.0)))
-
-
-@kernel()
-def _mean_of(values: Any, of: Any) -> float:
-    """Mean of the values (n,) that are `of` (n,), 0 if there are none."""
-    total, count = 0.0, 0
-    for i in range(of.size):
-        if of[i]:
-            total += values[i]
-            count += 1
-    return total / max(count, 1)

@@ -49,8 +49,10 @@ class PosePosterior(NamedTuple):
 
     def solve(self, start: PoseArrays, iterations: int, tolerance: float) -> LowestPoint:
         """The lowest point that Levenberg-Marquardt finds from a pose; see `kernels.solve`."""
-        pose, energy, at, evaluations = kernels.solve(start, self.plain, iterations, tolerance)
-        return LowestPoint(pose, energy, Linearization(*at), evaluations)
+        buffers = kernels.workspace(len(self.active))
+        pose, energy, lowest, evaluations = kernels.solve(start, self.plain, iterations, tolerance, buffers)
+        at = Linearization(*(both[lowest] for both in buffers))
+        return LowestPoint(pose, energy, at, evaluations)
 
     @property
     def plain(self) -> tuple[Any, ...]:
