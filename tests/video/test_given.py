@@ -78,6 +78,25 @@ def test_a_program_goes_on_where_its_indices_and_times_do_not() -> None:
     assert "time jumps back" in texts[1]
 
 
+@pytest.mark.parametrize("rate", [60, 240])
+def test_a_fast_camera_that_repeats_a_time_does_not_run_ahead(rate: int) -> None:
+    times = np.arange(3 * rate) / rate
+    times[rate] = times[rate - 1]
+    with pytest.warns(MienWarning) as warned:
+        frames = list(open_video(iter([Frame(gradient(0), k, time) for k, time in enumerate(times)])))
+    assert len(warned) == 1
+    np.testing.assert_allclose([frame.time for frame in frames], times, atol=1 / rate)
+
+
+def test_a_clock_that_is_coarser_than_the_intervals_of_a_camera_does_not_run_ahead() -> None:
+    """Of a hundred frames a second, timed in ticks of a sixtieth."""
+    times = np.arange(1000) // (100 / 60) / 60
+    with pytest.warns(MienWarning) as warned:
+        frames = list(open_video(iter([Frame(gradient(0), k, time) for k, time in enumerate(times)])))
+    assert len(warned) == 1
+    np.testing.assert_allclose([frame.time for frame in frames], times, atol=0.1)
+
+
 @pytest.mark.parametrize("in_a_list", [False, True])
 def test_times_in_milliseconds_are_warned_of_once(in_a_list: bool) -> None:
     frames = [Frame(gradient(i % 9), i, 1000 * i / 30) for i in range(30)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,10 @@ _USUAL_FPS = 30.0
 _INTERVALS, _LONGEST_S = 10, 5.0
 """Number of intervals between the first frames, and the median in seconds from which they are taken to be in another
 unit: nobody follows a face with an image every five seconds, but with 200 a second."""
+
+
+_RECENT = 31
+"""Number of the last times that tell how long a frame takes whose own is wrong."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ class GivenFrames:
         return same_size(_in_seconds(self._checked(), self.name), self.name)
 
     def _checked(self) -> Iterator[Frame]:
-        last, clock, regular = -1, Clock(self.name), True
+        last, clock, regular, stated = -1, Clock(self.name), True, deque[float](maxlen=_RECENT)
         for frame in self.frames:
             require(
                 isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)"
@@ -105,7 +110,9 @@ class GivenFrames:
                 "mien.Frame(pixels, index, time.perf_counter())",
             )
             before = clock.time
-            index, time = max(frame.index, last + 1), clock.time_of(frame.time, 1 / self.fps)
+            index, time = max(frame.index, last + 1), clock.time_of(frame.time, _step(stated, 1 / self.fps))
+            if math.isfinite(frame.time):
+                stated.append(frame.time)
             if (index, time) == (frame.index, frame.time):
                 yield frame
             else:
@@ -118,6 +125,13 @@ class GivenFrames:
                 regular = False
                 yield Frame(frame.image, index, time)
             last = index
+
+
+def _step(stated: Sequence[float], longest: float) -> float:
+    """Seconds from one frame to the next by the last times stated, at most `longest`: counted on in larger steps, time
+    would run ahead of a camera that is faster, which repeats a single time stamp or has a coarse clock."""
+    advances = [max(after - before, 0.0) for before, after in itertools.pairwise(stated)]
+    return min(sum(advances) / len(advances), longest) if any(advances) else longest
 
 
 def _in_seconds(frames: Iterator[Frame], name: str) -> Iterator[Frame]:
