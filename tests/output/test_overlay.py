@@ -137,6 +137,18 @@ def test_captions_can_be_read_and_leave_the_picture_between_their_letters(shade:
     assert np.ptp(strip.max(axis=2).astype(int)) > 150
 
 
+def test_drawings_on_a_huge_frame_are_seen_when_it_is_shown_on_a_screen() -> None:
+    """Nearly as strongly as on one of the size of the screen, and not a fifth of that."""
+    contrast = []
+    for factor in (1, 3):
+        frame = Frame(np.full((960 * factor, 1280 * factor, 3), 128, np.uint8))
+        camera = Camera.from_fov(frame.width, frame.height)
+        drawn = draw(frame, [FaceOverlay(Estimate(4, 0.2, Status.TRACKED, R, T, confidence=0.8), _mesh())], camera)
+        shown = cv2.resize(drawn, (1280, 960), interpolation=cv2.INTER_AREA)
+        contrast.append([np.abs(part.astype(int) - 128).mean() for part in (shown[:900], shown[900:])])
+    np.testing.assert_allclose(contrast[1], contrast[0], rtol=0.4)
+
+
 def test_png_there_and_back(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (11, 17, 3), dtype=np.uint8)
     save_png(tmp_path / "picture.png", pixels)

@@ -28,6 +28,8 @@ SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
 AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
 TEXT, LOST_TEXT, RIM = (255, 255, 255), (255, 110, 100), (20, 30, 40)
 AXIS_LENGTH = 0.9  # CANDIDE units
+_SCREEN = 1280
+"""Longer side, in pixels, at which a screen may show any picture."""
 _SHIFT = 4  # fractional bits of OpenCV's subpixel drawing
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _MAXIMUM_CAPTIONS = 6
@@ -138,7 +140,7 @@ def _draw_mesh(canvas: Pixels, mesh: Mesh, camera: Camera, scale: int) -> None:
     p = _to_canvas(mesh.vertices, camera, scale)
     edges = _visible_edges(p, mesh.triangles)
     layer = canvas.copy()
-    cv2.polylines(layer, list(_fixed_point(p[edges])), False, MESH, 1, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(layer, list(_fixed_point(p[edges])), False, MESH, _line_width(canvas), cv2.LINE_AA, _SHIFT)
     cv2.addWeighted(layer, 0.8, canvas, 0.2, 0, dst=canvas)
 
 
@@ -164,13 +166,13 @@ def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int
     if not known:
         return
     face = float(np.ptp([point for point, _ in known], axis=0).max()) or np.inf  # unknown from a single point
-    radius = min(max(2.6, canvas.shape[1] / 250), max(1.2, face / 45))
+    radius, width = min(max(2.6, canvas.shape[1] / 250), max(1.2, face / 45)), _line_width(canvas)
     for point, colour in known:
         centre, r = tuple(_fixed_point(point).tolist()), int(radius * (1 << _SHIFT))
         if colour == HIDDEN:
-            cv2.circle(canvas, centre, r, colour, 1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(canvas, centre, r, colour, width, cv2.LINE_AA, _SHIFT)
         else:
-            cv2.circle(canvas, centre, r + 14, RIM, -1, cv2.LINE_AA, _SHIFT)
+            cv2.circle(canvas, centre, r + 14 * width, RIM, -1, cv2.LINE_AA, _SHIFT)
             cv2.circle(canvas, centre, r, colour, -1, cv2.LINE_AA, _SHIFT)
 
 
@@ -205,8 +207,8 @@ def _draw_axes(canvas: Pixels, estimate: Estimate, origin: Array | None, camera:
     start, *ends = (tuple(q) for q in _fixed_point(p).tolist())
     towards_camera = np.argsort(-tips[:, 2])  # the nearest axis is drawn last
     for k in towards_camera:
-        cv2.line(canvas, start, ends[k], RIM, 4, cv2.LINE_AA, _SHIFT)
-        cv2.line(canvas, start, ends[k], AXES[k], 2, cv2.LINE_AA, _SHIFT)
+        for colour, width in ((RIM, 4), (AXES[k], 2)):
+            cv2.line(canvas, start, ends[k], colour, width * _line_width(canvas), cv2.LINE_AA, _SHIFT)
 
 
 def _caption(estimate: Estimate) -> str:
@@ -226,7 +228,7 @@ def _draw_name(canvas: Pixels, name: str, points: Array) -> None:
     if np.isfinite(place).all():
         (width, height), _ = cv2.getTextSize(name, _FONT, _text_size(canvas), 1)
         corner = int(place[0] - width / 2), max(int(place[1]), height + 4)
-        for colour, thickness in ((RIM, 5), (TEXT, 2)):
+        for colour, thickness in ((RIM, 5 * _line_width(canvas)), (TEXT, 2 * _line_width(canvas))):
             cv2.putText(canvas, name, corner, _FONT, _text_size(canvas), colour, thickness, cv2.LINE_AA)
 
 
@@ -236,10 +238,16 @@ def _draw_text(canvas: Pixels, text: str, colour: tuple[int, int, int], bottom: 
     (width, height), baseline = cv2.getTextSize(text, _FONT, size, 1)
     size *= min(1.0, (canvas.shape[1] - 16) / max(width, 1))
     top = max(bottom - int(height) - int(baseline) - 8, 0)
-    for shade, thickness in ((RIM, 3), (colour, 1)):
+    for shade, thickness in ((RIM, 3 * _line_width(canvas)), (colour, _line_width(canvas))):
         cv2.putText(canvas, text, (8, bottom - baseline - 3), _FONT, size, shade, thickness, cv2.LINE_AA)
     return top
 
 
 def _text_size(canvas: Pixels) -> float:
     return max(0.45, canvas.shape[1] / 1300)
+
+
+def _line_width(canvas: Pixels) -> int:
+    """Pixels of the thinnest line: in a picture that a screen shows at a third of its size, one of one pixel would not
+    be seen."""
+    return max(1, max(canvas.shape[:2]) // _SCREEN)
