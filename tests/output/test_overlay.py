@@ -95,6 +95,18 @@ def test_a_fit_is_drawn_from_near_with_the_names_of_its_points(frame: Frame) -> 
     assert after - before > 30 * len(points)  # of seven letters each
 
 
+def test_the_names_of_points_on_a_huge_face_can_be_read_when_the_picture_is_shown_on_a_screen() -> None:
+    frame, camera = Frame(np.full((3200, 3840, 3), 128, dtype=np.uint8)), Camera(6000, 1920, 1600)
+    mesh = _mesh()
+    points = camera.project(mesh.vertices[VERTICES])[0]
+    pictures = [draw_fit(frame, mesh, camera, points, [name] * len(points)) for name in ("", "133/155")]
+    assert pictures[0].shape[1] > 2500
+    height = round(1600 * pictures[0].shape[0] / pictures[0].shape[1])
+    before, after = (cv2.resize(picture, (1600, height), interpolation=cv2.INTER_AREA) for picture in pictures)
+    letters = np.count_nonzero(after.min(axis=2) > 180) - np.count_nonzero(before.min(axis=2) > 180)
+    assert letters > 30 * len(points)
+
+
 @pytest.mark.parametrize(("visibility", "colour", "filled"), [(1.0, SEEN, True), (0.0, HIDDEN, False)])
 def test_hidden_landmarks_are_hollow(visibility: float, colour: tuple[int, int, int], filled: bool) -> None:
     point = np.array([[100.0, 80.0]])

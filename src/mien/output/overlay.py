@@ -22,7 +22,7 @@ from mien.tracking.state import Estimate, TrackedLandmarks
 SMALLEST_WIDTH = 640
 """Narrower frames are enlarged by an integer factor before drawing, so that the mesh lines stay thin."""
 _CLOSE_UP_WIDTH, _NAME_SIZE = 1600, 0.4
-"""Width in pixels of a picture of one face, and size of the names of points in it."""
+"""Width in pixels of a picture of one face, unless the face is larger, and size of the names of points in it."""
 MESH, GRAPHICS = (120, 220, 255), (255, 90, 220)
 SEEN, HIDDEN, DOUBTFUL = (90, 255, 120), (255, 120, 90), (255, 220, 90)
 AXES = ((255, 90, 80), (110, 235, 90), (90, 150, 255))  # x, y, z in red, green, blue
@@ -178,13 +178,14 @@ def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int
 
 def _draw_point_names(canvas: Pixels, points: Array, names: Sequence[str]) -> None:
     """Draw the names of points (n, 2) to their right, or to their left where another point is close by."""
+    size, line = _NAME_SIZE * max(1.0, canvas.shape[1] / _CLOSE_UP_WIDTH), _line_width(canvas)
     for point, name in zip(points, names, strict=True):
-        (width, height), _ = cv2.getTextSize(name, _FONT, _NAME_SIZE, 1)
+        (width, height), _ = cv2.getTextSize(name, _FONT, size, 1)
         across, down = (points - point).T
         close = np.any((across > 0) & (across < width) & (np.abs(down) < height))
         corner = int(point[0] + (-width - height if close else height)), int(point[1] + height // 2)
-        for colour, thickness in ((RIM, 3), (TEXT, 1)):
-            cv2.putText(canvas, name, corner, _FONT, _NAME_SIZE, colour, thickness, cv2.LINE_AA)
+        for colour, thickness in ((RIM, 3 * line), (TEXT, line)):
+            cv2.putText(canvas, name, corner, _FONT, size, colour, thickness, cv2.LINE_AA)
 
 
 def _axes_origin(estimate: Estimate, mesh: Mesh | None) -> Array | None:
