@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.output.overlay_video import OverlayWriter
 
 
@@ -26,6 +26,19 @@ def test_a_video_keeps_times_colours_and_an_even_size(tmp_path: Path) -> None:
     np.testing.assert_allclose([f.time for f in frames], np.array(times) - 2, atol=1e-4)
     assert {(f.width, f.height, f.format.name) for f in frames} == {(120, 90, "yuv420p")}
     assert np.abs(frames[2].to_ndarray(format="rgb24").astype(int) - colour).max() < 12
+
+
+def test_a_gap_that_the_format_cannot_hold_is_shown_as_a_second(tmp_path: Path) -> None:
+    """As where the clock of a computer is set, or a transport stream begins anew."""
+    times = [0.0, 0.04, 1.7e9, 1.7e9 + 0.04, 1.7e9 + 20_000]
+    with pytest.warns(MienWarning) as warned, OverlayWriter(tmp_path / "overlay.mp4") as writer:  # noqa: PT031
+        for time in times:
+            writer.write(np.zeros((90, 120, 3), np.uint8), time)
+    (message,) = (str(warning.message) for warning in warned)
+    assert "overlay.mp4: 1700000000 s lie between two frames" in message
+    with av.open(str(tmp_path / "overlay.mp4")) as container:
+        shown = [frame.time for frame in container.decode(video=0)]
+    np.testing.assert_allclose(shown, [0, 0.04, 1.04, 1.08, 20_001.04], atol=1e-4)
 
 
 @pytest.mark.parametrize("size", [(120, 16386), (32770, 200)])

@@ -13,12 +13,14 @@ import cv2
 import numpy as np
 
 from mien.arrays import Pixels
-from mien.errors import MienError, interruption
+from mien.errors import MienError, interruption, warn
 from mien.files import create_temporary, move_into_place, named_errors, reason_of
 
 _LARGEST_SIDE = 16384
 """Width and height, in pixels, beyond which the encoder takes no image: larger ones are scaled down."""
 TIME_BASE = Fraction(1, 90_000)
+_LONGEST = round(6 * 3600 / TIME_BASE)
+"""Ticks from one frame to the next that an MP4, which has 31 bits for them, is sure to hold."""
 _COMMENT = "overlay by mien"
 
 
@@ -28,7 +30,8 @@ class OverlayWriter:
     with OverlayWriter(path) as writer:
         writer.write(pixels, time)
     The first image sets the size; odd sizes lose their last row or column, as the format needs even ones, and what is
-    larger than the encoder allows is scaled down.
+    larger than the encoder allows is scaled down. A gap that the format cannot hold is shown as one second, with a
+    warning.
     """
 
     def __init__(self, path: Path, begins: float | None = None, comment: str = _COMMENT) -> None:
@@ -66,10 +69,24 @@ class OverlayWriter:
         even = np.ascontiguousarray(pixels[: self._stream.height, : self._stream.width])
         picture = av.VideoFrame.from_ndarray(even, format="rgb24")
         # The format needs increasing times: a frame that repeats the time of the previous one gets the next tick.
-        self._last_pts = max(round((time - self._begins) / TIME_BASE), self._last_pts + 1)
+        self._last_pts = max(self._ticks(time, self._begins), self._last_pts + 1)
         picture.pts, picture.time_base = self._last_pts, TIME_BASE
         with _named_errors(self.path):
             self._container.mux(self._stream.encode(picture))
+
+    def _ticks(self, time: float, begins: float) -> int:
+        """When a frame of this time is displayed, in a video that begins at another one, both in seconds."""
+        ticks = round((time - begins) / TIME_BASE)
+        gap = ticks - self._last_pts
+        if gap <= _LONGEST:
+            return ticks
+        second = round(1 / TIME_BASE)
+        warn(
+            f"{self.path}: {float(gap * TIME_BASE):.0f} s lie between two frames, up to {time:.2f} s, more than an MP4 "
+            "can hold; they are shown as one second"
+        )
+        self._begins = begins + float((gap - second) * TIME_BASE)
+        return self._last_pts + second
 
     def close(self, keep: bool = True) -> None:
         """Finish the file and give it its name, or remove it. A video without frames leaves no file."""
