@@ -220,6 +220,18 @@ def test_times_that_32_bit_floats_cannot_hold_are_counted_from_the_first(tmp_pat
         np.testing.assert_allclose(shown.time, [1 / 25, 2 / 25], atol=1e-6)
 
 
+def test_frames_whose_times_32_bit_floats_do_not_tell_apart_are_left_out(tmp_path: Path) -> None:
+    """As where a clock is set while a program tracks: the keys of an animation must be each later than the last."""
+    known = Track.from_estimates([estimate(0), lost(1), *(estimate(k, t_mm=(k, 0, 900)) for k in range(2, 6))], FACE)
+    time = np.array([0.0, 0.04, 0.08, 1.7e9, 1.7e9 + 0.04, 1.7e9 + 400])
+    track = Track(known.table.set_column(known.table.column_names.index("timestamp"), "timestamp", [time]), FACE)
+    with pytest.warns(MienWarning, match=r"head\.glb: 1 of 5 frames are left out, as glTF cannot tell their times"):
+        shown = played(track, tmp_path)
+    np.testing.assert_allclose(shown.time, time[[0, 2, 3, 5]], rtol=1e-7)
+    assert (np.diff(shown.time) > 0).all()
+    np.testing.assert_allclose(shown.keys("translation")[:, 0], [0.05, 0.002, 0.003, 0.005], atol=FLOAT)
+
+
 def test_a_track_without_a_mesh_is_refused(tmp_path: Path) -> None:
     rigid = estimate(0, animation=None)
     for track in (Track.from_estimates([estimate(0)]), Track.from_estimates([rigid], FACE)):

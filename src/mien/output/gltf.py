@@ -63,6 +63,8 @@ def write_gltf(track: Track, path: Path) -> None:
         f"{path}: no row of the track has pose_Rx, pose_Ry, pose_Rz, a position and an expression; track the video "
         "again",
     )
+    time = _times(track, path)
+    known &= _is_later(time, known, path)
     vertices, units = rest
     closed = np.zeros(len(track)) if track.eyes_closed is None else np.nan_to_num(track.eyes_closed)
     targets, weights = _morph_targets(vertices, units, animation[known], closed[known])
@@ -80,7 +82,7 @@ def write_gltf(track: Track, path: Path) -> None:
         "meshes": [_mesh(buffer, vertices, targets)],
         "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.8}}],
         "cameras": [_camera(track.metadata, path)],
-        "animations": [_animation(buffer, _times(track, known, path), keys)],
+        "animations": [_animation(buffer, time[known], keys)],
     }
     with whole_file(path) as file:
         file.write_bytes(_container(content | buffer.description, buffer.content))
@@ -187,14 +189,28 @@ def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
     return {"type": "perspective", "perspective": {"yfov": fov, "aspectRatio": width / height, "znear": _NEAREST}}
 
 
-def _times(track: Track, known: Mask, path: Path) -> Array:
-    """Seconds (n,) of the known rows: those of the video, or, with a warning, those since the first row where glTF
-    cannot hold them."""
+def _times(track: Track, path: Path) -> Array:
+    """Seconds (n,) of the rows: those of the video, or, with a warning, those since the first row where glTF cannot
+    hold them."""
     begin = track.time[0]
     if 0 <= begin <= _LATEST_BEGIN:
-        return np.asarray(track.time[known])
+        return track.time
     warn(f"{path}: the times of the track begin at {begin:.2f} s, which glTF cannot hold; they are counted from there")
-    return np.asarray(track.time[known] - begin)
+    return np.asarray(track.time - begin)
+
+
+def _is_later(time: Array, known: Mask, path: Path) -> Mask:
+    """Mask (n,) of the rows that are later than all known ones before, as the keys of an animation must be, by times
+    (n,) in 32-bit floats; warns of known ones that are not."""
+    stored = np.where(known, time, -np.inf).astype(np.float32)
+    later = stored > np.concatenate([[-np.inf], np.maximum.accumulate(stored)[:-1]])
+    left_out = int(np.count_nonzero(known & ~later))
+    if left_out:
+        warn(
+            f"{path}: {left_out} of {np.count_nonzero(known)} frames are left out, as glTF cannot tell their times, up "
+            f"to {time[-1]:.2f} s, from those of frames before"
+        )
+    return np.asarray(later)
 
 
 def _quaternions(R: Array) -> Array:
