@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from mien._version import __version__
 from mien.batch import BatchOptions, find_videos, run, track_all
+from mien.batch import videos as find
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
@@ -189,6 +190,20 @@ def test_a_table_in_the_place_of_another_goes_further_apart(tmp_path: Path) -> N
         (tmp_path / name).write_bytes(b"")
     tables = [table.relative_to(tmp_path / "out").as_posix() for _, table in find_videos(paths, tmp_path / "out")]
     assert tables == ["all/s1/a.csv", "s1/a.csv", "s2/a.csv"]
+
+
+def test_all_videos_that_share_tables_go_apart_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that what it takes does not grow with the square of their number."""
+    for name in (f"{folder}/{k}.mp4" for folder in ("s1", "s2") for k in range(20)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    looks, tables_of = list[Any](), find._tables
+    monkeypatch.setattr(find, "_tables", lambda places: looks.append(places) or tables_of(places))
+    found = find_videos([tmp_path / "s1", tmp_path / "s2"], tmp_path / "out")
+    assert {table.relative_to(tmp_path / "out") for _, table in found} == {
+        Path(folder, f"{k}.csv") for folder in ("s1", "s2") for k in range(20)
+    }
+    assert len(looks) == 2
 
 
 def test_a_folder_of_images_that_is_named_is_a_video(code: dict[str, str], tmp_path: Path) -> None:

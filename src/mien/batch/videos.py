@@ -34,12 +34,13 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
         each.setdefault(real_path(video), (video, place))
     places = dict(each.values())
     require(bool(places), f"{', '.join(map(str, paths))}: no video found; mien looks for {', '.join(VIDEO_SUFFIXES)}")
-    while alike := _of_one_table(tables := _tables(places)):
-        apart = places | _places_apart(alike, places)
+    while shared := _of_one_table(tables := _tables(places)):
+        apart = places | dict(chain.from_iterable(_places_apart(alike, places).items() for alike in shared))
+        one, other = shared[0][:2]
         require(
             apart != places,
-            f"{alike[0]} and {alike[1]} would share the table {out / tables[alike[0]]}; rename one of them, or track "
-            "one folder at a time",
+            f"{one} and {other} would share the table {out / tables[one]}; rename one of them, or track one folder at "
+            "a time",
         )
         places = apart
     return [(video, out / table) for video, table in tables.items()]
@@ -57,11 +58,12 @@ def _tables(places: Mapping[Path, Path]) -> dict[Path, Path]:
     return tables
 
 
-def _of_one_table(tables: Mapping[Path, Path]) -> list[Path]:
-    """All videos that have one table, the first that several have; none if each has its own."""
-    counts = Counter(tables.values())
-    shared = next((table for table, count in counts.items() if count > 1), None)
-    return [video for video, table in tables.items() if table == shared]
+def _of_one_table(tables: Mapping[Path, Path]) -> list[list[Path]]:
+    """The videos of each table that several have; none if each has its own."""
+    videos: dict[Path, list[Path]] = {}
+    for video, table in tables.items():
+        videos.setdefault(table, []).append(video)
+    return [alike for alike in videos.values() if len(alike) > 1]
 
 
 def _places_apart(videos: Sequence[Path], places: Mapping[Path, Path]) -> dict[Path, Path]:
