@@ -26,7 +26,7 @@ from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
 from mien.output import destination
 from mien.output.overlay_video import OverlayWriter
-from mien.output.summary import Row
+from mien.output.summary import Row, Summary
 from mien.output.track import Track
 from mien.output.track_files import ENDINGS
 from mien.processes import Command
@@ -769,6 +769,30 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
     for pid in running:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_writing_the_summary_takes_a_small_share_of_the_time(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many videos it lists: here writing takes as long as tracking a video."""
+    for k in range(9):
+        (videos / f"{k}.mp4").write_bytes(b"")
+    clock, writes, write = [0.0], list[float](), Summary.write
+
+    def one_second(summary: Summary, found: Any) -> None:
+        clock[0] += 1.0
+        writes.append(clock[0])
+        write(summary, found)
+
+    def another(done: int, total: int, name: str) -> None:
+        clock[0] += 1.0
+
+    monkeypatch.setattr(run, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(Summary, "write", one_second)
+    out = tmp_path / "out"
+    track_all([videos], out, jobs=1, progress=another)
+    assert len(writes) == 3  # before the first video, after it, and in the end
+    assert [row["state"] for row in _summary(out)] == ["tracked"] * 12
 
 
 def test_two_runs_do_not_write_into_one_folder(videos: Path, code: dict[str, str], tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from time import monotonic
 
 from mien.batch.options import BatchOptions, pictures_of
 from mien.batch.videos import find_videos
@@ -23,6 +24,9 @@ from mien.video import list_images
 
 _MESSAGE_PREFIX = "mien: "
 """The prefix of warnings and errors on the command line."""
+_SHARE_OF_WRITING = 0.05
+"""The share of the time in which the summary is written at most: it has a row for every video, and is written anew for
+as many."""
 
 
 def track_all(
@@ -35,8 +39,8 @@ def track_all(
 ) -> list[Row]:
     """Track all videos among the paths and in the folders among them.
 
-    The tables go to `out`, in the same folder structure as the videos, with a summary that is updated whenever a video
-    is finished.
+    The tables go to `out`, in the same folder structure as the videos, with a summary that is updated as videos are
+    finished.
 
     jobs: number of videos at a time, by default one per processor; forked: whether processes may be forked, which start
     sooner but import the main module again. Raises MienError if there is nothing to track, the tables cannot be
@@ -75,13 +79,16 @@ def _track_found(
     commands = [_command(found[k][0], options) for k in waiting]
     started: list[str] = []
     earlier = _times(file for k in waiting for file in _all_files(found[k][0].table))
+    due = monotonic()
     try:
         progress(len(found) - len(waiting), len(found), "")
         for ended in run_commands(commands, jobs or available_processors(), started=started.append, forked=forked):
             k = waiting[ended.index]
             found[k] = _outcome(found[k][0], ended, earlier)
-            with suppress(MienError):  # a later write includes it too, and the last one must succeed
-                summary.write(found)
+            if (begun := monotonic()) >= due:
+                with suppress(MienError):  # a later write includes it too, and the last one must succeed
+                    summary.write(found)
+                due = monotonic() + (monotonic() - begun) / _SHARE_OF_WRITING
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
         done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
