@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import av
@@ -85,6 +87,29 @@ def test_a_video_that_fails_leaves_the_one_that_is_there(tmp_path: Path) -> None
         raise ZeroDivisionError
     assert path.read_bytes() == b"of yesterday"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("frames", [1, 80])
+def test_a_full_disk_is_named(frames: int, tmp_path: Path) -> None:
+    """In a process of its own, which FFmpeg would end if it were asked to go on."""
+    (tmp_path / "full.mp4").symlink_to("/dev/full")
+    program = f"""
+import numpy as np
+from pathlib import Path
+from mien.output import overlay_video
+overlay_video.create_temporary = lambda path: Path("full.mp4")
+try:
+    with overlay_video.OverlayWriter(Path("overlay.mp4")) as writer:
+        for k in range({frames}):
+            writer.write(np.zeros((48, 64, 3), np.uint8), 0.04 * k)
+except overlay_video.MienError as error:
+    print(error)
+"""
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert "overlay.mp4 cannot be written (no space left on device)" in ended.stdout
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_created_is_named(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ class OverlayWriter:
         """begins: time in seconds at which the video begins, by default that of the first image; comment: what the file
         states of itself, by default that it is an overlay."""
         self.path = path
-        self._last_pts, self._begins = -1, begins
+        self._last_pts, self._begins, self._refused = -1, begins, False
         with _named_errors(self.path):
             self._temporary = create_temporary(path)
             try:
@@ -72,7 +72,7 @@ class OverlayWriter:
         self._last_pts = max(self._ticks(time, self._begins), self._last_pts + 1)
         picture.pts, picture.time_base = self._last_pts, TIME_BASE
         with _named_errors(self.path):
-            self._container.mux(self._stream.encode(picture))
+            self._append(picture)
 
     def _ticks(self, time: float, begins: float) -> int:
         """When a frame of this time is displayed, in a video that begins at another one, both in seconds."""
@@ -92,13 +92,22 @@ class OverlayWriter:
         """Finish the file and give it its name, or remove it. A video without frames leaves no file."""
         try:
             with _named_errors(self.path):
-                if self._last_pts >= 0:
-                    self._container.mux(self._stream.encode())
+                if self._last_pts >= 0 and not self._refused:
+                    self._append(None)
                 self._container.close()
                 if self._last_pts >= 0 and keep:
                     move_into_place(self._temporary, self.path)
         finally:
             self._temporary.unlink(missing_ok=True)
+
+    def _append(self, picture: av.VideoFrame | None) -> None:
+        """Encode a picture, or at the end what the encoder still holds. Nothing may follow what was refused, as by a
+        full disk: FFmpeg crashes where it has failed to write the header."""
+        try:
+            self._container.mux(self._stream.encode(picture))
+        except (av.FFmpegError, OSError):
+            self._refused = True
+            raise
 
 
 def is_overlay(path: Path) -> bool:
