@@ -795,6 +795,33 @@ def test_writing_the_summary_takes_a_small_share_of_the_time(
     assert [row["state"] for row in _summary(out)] == ["tracked"] * 12
 
 
+def test_stopped_before_it_is_tracked_again_a_video_keeps_what_was_noted(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    """But not if its process has finished nevertheless."""
+    code.update({"a.mp4": WARNED, "b.avi": WARNED, "c.MOV": WARNED})
+    out, last = tmp_path / "out", tmp_path / "out" / "sub" / "b.parquet"
+    track_all([videos], out)
+    code["b.avi"] = f"{COPY}; {SLOW}"
+
+    for reached, state, note in ((0, "not yet", "the face is turned"), (1, "kept", "warnings are unknown")):
+        before = last.stat().st_mtime_ns
+
+        def stop(done: int, total: int, name: str, reached: int = reached, before: int = before) -> None:
+            while done and last.stat().st_mtime_ns == before:
+                time.sleep(0.01)
+            if done == reached:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="the same command tracks all of them"):
+            track_all([videos], out, BatchOptions(again=True), jobs=2, progress=stop)
+        assert [row["state"] for row in _summary(out)][1:] == [state, "not yet"]
+        rows = track_all([videos], out)
+        assert _states(rows) == ["kept"] * 3
+        assert note in rows[1].note
+        assert rows[0].note == rows[2].note == "the face is turned"
+
+
 def test_two_runs_do_not_write_into_one_folder(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     """The second is refused, and leaves what the first has written."""
     out, noted = tmp_path / "out", list[bytes]()

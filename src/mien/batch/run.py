@@ -15,7 +15,7 @@ from mien.errors import MienError, warn
 from mien.files import exists, require_writable
 from mien.output.destination import has_other_content
 from mien.output.sole_use import sole_use
-from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
+from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, WARNINGS_UNKNOWN, Row, Summary, face_rows
 from mien.output.track import Track
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker
@@ -67,7 +67,8 @@ def _track_found(
     faces."""
     waiting = []
     for k, (row,) in enumerate(found):
-        kept = None if options.again else _kept_rows(replace(row, note=summary.note_of(row)), options)
+        found[k] = [row := replace(row, note=summary.note_of(row))]
+        kept = None if options.again else _kept_rows(row, options)
         if kept is None:
             waiting.append(k)
         else:
@@ -92,7 +93,11 @@ def _track_found(
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
         done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
-        warn(f"stopped; {done} of {len(found)} videos are done; run the same command again to continue")
+        how = "the same command tracks all of them again" if options.again else "run the same command again to continue"
+        warn(f"stopped; {done} of {len(found)} videos are done; {how}")
+        for k in waiting:
+            if found[k][0].state == PENDING:
+                found[k] = _rows_when_stopped(found[k][0], options, earlier)
         raise
     finally:
         summary.write(found)
@@ -151,6 +156,14 @@ def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
         return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
+
+
+def _rows_when_stopped(row: Row, options: BatchOptions, earlier: Mapping[Path, int]) -> list[Row]:
+    """The rows of a video that is not done when the run is stopped, unless its process has finished it meanwhile.
+    earlier: `_times` of its files before."""
+    if _times([row.table]).get(row.table) == earlier.get(row.table):
+        return [row]
+    return _kept_rows(replace(row, note=WARNINGS_UNKNOWN), options) or [replace(row, note="")]
 
 
 def _message(line: str, video: Path) -> str:

@@ -25,7 +25,7 @@ SUMMARY = "summary.csv"
 TRACKED, KEPT, FAILED, PENDING = "tracked", "kept", "failed", "not yet"
 """State of a video: tracked in this run; kept from an earlier run; failed; not reached before the run was stopped. Rows
 of videos that a run is not asked for keep theirs."""
-_WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
+WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
 """The note of a video whose process outlived the run that started it."""
 _CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
 """How the summary is written: in names of files that are not valid UTF-8, bytes are replaced by their escapes."""
@@ -104,9 +104,14 @@ class Summary:
         return cls(path, earlier)
 
     def note_of(self, row: Row) -> str:
-        """What was noted of a video; if it had not finished then, that its warnings are unknown."""
+        """What was noted of the table of a video; if it is newer than the summary of a run that was stopped before it
+        finished, that its warnings are unknown."""
         known = self._known(row)
-        return _WARNINGS_UNKNOWN if known.get("state") == PENDING else known.get("note") or ""
+        if not exists(row.table):
+            return ""
+        if known.get("state") == PENDING and row.table.stat().st_mtime_ns >= self.path.stat().st_mtime_ns:
+            return WARNINGS_UNKNOWN
+        return known.get("note") or ""
 
     def require_own(self, row: Row) -> None:
         """Raise MienError if the table of a row was made, in an earlier run, of another video that is still there."""
