@@ -78,14 +78,14 @@ _KERNELS: tuple[Kernel, ...] = (
     (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
     SOLVE,
+    (motion.align,
+     (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, 0.0, 1, 0.0)),
     (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
     (level._trust, (_single(3), (_array(1), _array(1)), _array(1), 0.0)),
     (definite._inverse, (_array(2),)),
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, 0.0, _array(2), _array(1))),
     (uncertainty._of_model, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0, 0.0)),
     (level._nearest, (_array(1), 0.0)),
-    (motion.align,
-     (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, 0.0, 1, 0.0)),
     (person._learn_distances, (_array(1), _array(1), _SEEN, _array(1), 0.0, (0.0, 0.0))),
     (person._learn_locations, (_array(2), _array(1), _array(3), _array(2), _SEEN, _array(1), 0.0)),
     (person._spread, (_array(2), _array(1), _array(1), _SEEN)),
@@ -107,9 +107,9 @@ _KERNELS: tuple[Kernel, ...] = (
     (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
     (crop._resample, (_array(2, np.uint8), _array(2), (0, 0), 1, _single(2))),
 )  # fmt: skip
-"""What a frame needs. The other process compiles from the beginning, where the solver is, and what it shares with the
-learning of the face; this one, once it has learned the face, from the end, and they meet. It comes to `align` when the
-kernels are on disk that this shares with the solver. The remaining kernels compile quickly."""
+"""What a frame needs. The other process compiles from the beginning: what the solver shares with the learning of the
+face, the solver, and what shares kernels with that. This one, once it has learned the face, compiles from the end, and
+they meet in the middle, at kernels that compile quickly, as both may compile the same one there."""
 
 
 def compile_in_background() -> None:

@@ -215,7 +215,7 @@ def squared_misplacement(M: Any, g: Any, most: float) -> float:
     return float(0.5 * (min(u * u, most * most) + min(v * v, most * most)))
 
 
-@kernel(inline="always")
+@kernel()
 def insert(value: float, ordered: Any, count: int) -> None:
     """Insert a value among the first `count` entries of an ordered array, which has room for it."""
     k = count
