@@ -84,7 +84,7 @@ def test_the_noise_of_a_dark_camera_is_no_face() -> None:
     """Descriptors have unit length, of however little."""
     rng = np.random.default_rng(0)
     estimates, errors = _track(_changed(lambda image: rng.normal(2, 2, image.shape), range(18, 23)))
-    assert {estimates[k].reason for k in range(18, 23)} == {"the image is blank"}
+    assert {estimates[k].reason for k in range(18, 23)} == {"the image is blank where the face was"}
     assert errors[23 + BACK_WITHIN :].max() < CLOSE_DEG
 
 

@@ -77,6 +77,7 @@ SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
 _KERNELS: tuple[Kernel, ...] = (
     (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
     POLYNOMIAL,
+    (pose_geometry.sight_of, (_array(1), _array(2), _array(1))),
     SOLVE,
     (motion.align,
      (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, 0.0, 1, 0.0)),
@@ -98,7 +99,6 @@ _KERNELS: tuple[Kernel, ...] = (
     (crop._bounds, (_array(2), 1, 1, 1)),
     (crop.is_blank, (_single(2),)),
     (patch_history._follow, (_array(1), _array(1))),
-    (pose_geometry.sight_of, (_array(1), _array(2), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
