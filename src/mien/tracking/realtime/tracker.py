@@ -216,8 +216,10 @@ class RealtimeTracker:
         self.velocity, self.closing = np.zeros(12), None
         self.person.covers.forget()
         outside = self.camera.in_image(self.person.in_camera(solution.pose), frame.width, frame.height).mean() < 0.5
-        unlike = "the image is blank where the face was" if is_blank(view.image) else "nothing here looks like the face of the first frame"
-        return Estimate.lost(frame, "the face left the image" if outside else unlike, self.fit.mm_per_unit)
+        reason = "nothing here looks like the face of the first frame"
+        if outside or is_blank(view.image):
+            reason = "the face left the image" if outside else "the image is blank where the face was"
+        return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker; None where the face is lost."""
