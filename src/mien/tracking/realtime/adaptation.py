@@ -57,6 +57,10 @@ class Adaptation:
         share: Float32 = _share(angles - self.first, self.near, self.learned)
         return share
 
+    def mean_share(self, angles: Array, which: Mask) -> float:
+        """Mean of that over the landmarks `which` (n,); 0 without any."""
+        return float(_mean_of(self.share(angles), which)) if self.begun else 0.0
+
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is their
         observed descriptor less the mean with its offset. The step is that of normalised least mean squares."""
@@ -115,6 +119,17 @@ def _share(turn: Any, near: float, learned: Any) -> Any:
     for i in range(share.size):
         share[i] = min(share[i], np.float32(1.0))
     return share
+
+
+@kernel()
+def _mean_of(values: Any, which: Any) -> float:
+    """Mean of those values (n,) that are `which` (n,); 0 without any."""
+    total, count = 0.0, 0
+    for i in range(which.size):
+        if which[i]:
+            total += values[i]
+            count += 1
+    return total / max(count, 1)
 
 
 @kernel()

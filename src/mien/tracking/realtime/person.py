@@ -137,9 +137,7 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """How much of the appearance at a solution was learned in turns: the mean over the landmarks that face the
         camera."""
-        if not (self.adaptation.begun and solution.facing.any()):
-            return 0.0
-        return float(self.adaptation.share(solution.pose.angles)[solution.facing].mean())
+        return self.adaptation.mean_share(solution.pose.angles, solution.facing)
 
     def layer(self, solution: Solution, view: Array) -> float:
         """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests

@@ -323,9 +323,11 @@ class RealtimeTracker:
         n = len(LANDMARK_NAMES)
         closing = self.closing
         X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
-        shut = self.person.eyes[:n] & self._eyes_are_shut
+        visible = self.visible[:n]
+        if self._eyes_are_shut:
+            visible = np.where(self.person.eyes[:n], 0.0, visible)
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, np.where(shut, 0.0, self.visible[:n]), distance)
+        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, visible, distance)
         shape = self.person.shape
         layer = self.person.layer(solution, self.axes.first.seen_from)
         lean, learned = math.hypot(*shape.lean.tolist()), self.person.learned_share(solution)
