@@ -24,7 +24,7 @@ from mien.batch import videos as find
 from mien.cli import app
 from mien.errors import MienError, MienWarning
 from mien.geometry.rotation import FACING
-from mien.output import destination
+from mien.output import destination, track_files
 from mien.output.overlay_video import OverlayWriter
 from mien.output.summary import Row, Summary
 from mien.output.track import Track
@@ -380,6 +380,30 @@ def test_what_is_done_is_kept(videos: Path, code: dict[str, str], tmp_path: Path
     assert _states(rows) == ["kept", "tracked", "kept"]
     assert (rows[0].frames, rows[0].lost, rows[0].begun) == (3, 1, 0.5)
     assert _states(track_all([videos], out, BatchOptions(again=True))) == ["tracked"] * 3
+
+
+def test_of_a_table_that_is_kept_little_is_read(
+    videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not its CSV, unless that was edited, and of one that was made with other options nothing at all: a run that goes
+    on does not take minutes before it begins. It says how far it is."""
+    out, read, heard = tmp_path / "out", list[str](), list[int]()
+    track_all([videos], out)
+    for ending in ("csv", "parquet"):
+        whole = getattr(track_files, f"_read_{ending}")
+        monkeypatch.setattr(
+            track_files, f"_read_{ending}", lambda path, only, whole=whole: read.append(path.name) or whole(path, only)
+        )
+    rows = track_all([videos], out, progress=lambda done, total, name: heard.append(done))
+    assert (_states(rows), heard) == (["kept"] * 3, [1, 2, 3, 3])
+    assert read == ["a.parquet", "b.parquet", "c.parquet"]
+    lines = (out / "a.csv").read_text().splitlines()
+    (out / "a.csv").write_text("\n".join(lines[:-1]))
+    _touch(out / "a.csv")
+    row = track_all([videos / "a.mp4"], out)[0]
+    assert (row.state, row.frames, read[3:]) == ("kept", 2, ["a.csv"])
+    assert run._kept_rows(Row(videos / "a.mp4", out / "a.csv"), BatchOptions(end=2)) is None
+    assert len(read) == 4
 
 
 def _written_over(video: Path, metadata: Path) -> None:

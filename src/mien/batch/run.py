@@ -16,7 +16,7 @@ from mien.files import exists, require_writable
 from mien.output.destination import has_other_content
 from mien.output.sole_use import sole_use
 from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, WARNINGS_UNKNOWN, Row, Summary, face_rows
-from mien.output.track import Track
+from mien.output.track_files import read_metadata
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker
 from mien.start.footage import check_options
@@ -73,6 +73,7 @@ def _track_found(
             waiting.append(k)
         else:
             found[k] = kept
+            progress(k + 1 - len(waiting), len(found), "")
     for k in waiting:
         summary.require_own(found[k][0])
     summary.warn_of_other_tables(faces[0] for faces in found)
@@ -128,18 +129,18 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     the options name; the video must be the same.
     """
     with suppress(MienError, OSError, AttributeError, LookupError, TypeError):  # whatever somebody made of NAME.json
-        track = Track.read(row.table)
-        known = track.metadata
+        known = read_metadata(row.table.with_suffix(".json"))
         if not options.match(known, row.table):
             return None
-        oldest = min(file.stat().st_mtime for file in options.files_of(row.table, known.get("faces", 1)))
+        faces = known.get("faces", 1)
+        oldest = min(file.stat().st_mtime for file in options.files_of(row.table, faces))
         if any(file.stat().st_mtime > oldest for file in options.inputs):
             return None
         images = list_images(row.video) if row.video.is_dir() else ()
         newer = any(file.stat().st_mtime > oldest for file in (row.video, *images))
         if has_other_content(row.video, known["video"], newer):  # if it is older, too: what is renamed keeps its time
             return None
-        return face_rows(replace(row, state=KEPT), track)
+        return face_rows(replace(row, state=KEPT), faces)
     return None
 
 
@@ -153,7 +154,8 @@ def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
         messages = [reason, *(message for message in messages if message != reason)]
         return [replace(row, state=FAILED, note="; ".join(messages + of_earlier_run))]
     try:
-        return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), Track.read(row.table))
+        faces = read_metadata(row.table.with_suffix(".json")).get("faces", 1)
+        return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), faces)
     except MienError as error:
         return [replace(row, state=FAILED, note=str(error))]
 

@@ -19,6 +19,7 @@ from mien.errors import require, warn
 from mien.files import exists, real_path, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
+from mien.output.track_files import read_outline
 from mien.tracking.state import Status
 
 SUMMARY = "summary.csv"
@@ -58,24 +59,23 @@ _OWN = tuple(field.name for field in fields(Row))
 """The columns of the summary; others are its users'."""
 
 
-def face_rows(row: Row, track: Track) -> list[Row]:
-    """The rows of all faces of a video; `row` and `track` are those of the first. Raises MienError if the table of
-    another is damaged."""
-    rows = [_with_counts(row, track)]
-    for face_id in range(1, rows[0].faces or 1):
+def face_rows(row: Row, faces: int) -> list[Row]:
+    """The rows of all faces of a video, of which there are this number; `row` is that of the first. Raises MienError if
+    a table is damaged."""
+    rows = [_with_counts(replace(row, faces=faces))]
+    for face_id in range(1, faces):
         table = Destination(row.table).of_face(face_id).table
         if table is not None and exists(table):
-            rows.append(_with_counts(replace(rows[0], table=table, face_id=face_id, note=""), Track.read(table)))
+            rows.append(_with_counts(replace(rows[0], table=table, face_id=face_id, note="")))
     return rows
 
 
-def _with_counts(row: Row, track: Track) -> Row:
-    """The row with the counts and means of a track of its video."""
-    faces = track.metadata.get("faces", 1) if row.faces is None else row.faces
+def _with_counts(row: Row) -> Row:
+    """The row with the counts and means of its table."""
+    track = Track(read_outline(row.table))
     confidence = np.nan_to_num(track.confidence)[[status != Status.LOST for status in track.status]]
     return replace(
         row,
-        faces=faces,
         frames=len(track),
         duration=round(float(np.ptp(track.time)), 6) if len(track) else None,
         lost=track.lost,

@@ -243,7 +243,8 @@ class Track:
         Raises MienError if they cannot be written, or `path` is a folder.
         """
         paths = csv, settings, parquet = paths_to_write(path)
-        with ExitStack() as stack:  # files are renamed in reverse order: if the CSV exists, so do the others
+        # Files are renamed in reverse order: if the CSV exists, so do the others. Until it is edited, it is the oldest.
+        with ExitStack() as stack:
             write_csv(self.table, stack.enter_context(whole_file(csv)))
             write_json(self.metadata, stack.enter_context(whole_file(settings)))
             write_parquet(self.table, stack.enter_context(whole_file(parquet)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from csv import Error as CSVError
 from csv import reader, writer
 from io import StringIO
@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from mien.csv_files import number_in, opened_csv
 from mien.errors import MienError, require
-from mien.files import json_text
+from mien.files import exists, json_text
 from mien.output.columns import column_type, import_pandas
 from mien.tracking.state import Status
 
@@ -62,12 +62,19 @@ def is_table_of_track(path: Path) -> bool:
         return False
 
 
-def read_table(path: Path) -> pa.Table:
-    """The table of a `.csv` or `.parquet` file, in the order of its frames. Raises MienError if it is not that of a
-    track."""
+def read_outline(csv: Path) -> pa.Table:
+    """The columns that every row of a NAME.csv fills: from NAME.parquet, which takes a tenth of the time, unless the
+    CSV was edited since. Raises MienError as `read_table`."""
+    files = filter(exists, (csv.with_suffix(ENDINGS[-1]), csv))
+    return read_table(max(files, key=lambda file: file.stat().st_mtime_ns, default=csv), _IN_EVERY_ROW)
+
+
+def read_table(path: Path, only: Collection[str] | None = None) -> pa.Table:
+    """The table of a `.csv` or `.parquet` file, in the order of its frames. only: the columns to read, by default all.
+    Raises MienError if it is not that of a track."""
     import_pandas()
     try:
-        table = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_csv(path)
+        table = _read_parquet(path, only) if path.suffix.lower() == ".parquet" else _read_csv(path, only)
     except _NOT_READ as error:
         raise MienError(f"{path} is not a track of mien ({error}); track the video again") from error
     several = ", ".join(repr(name) for name, count in Counter(table.column_names).items() if count > 1)
@@ -126,33 +133,39 @@ def write_parquet(table: pa.Table, path: Path) -> None:
         parquet.write_table(table, stream, row_group_size=_ROW_GROUP)
 
 
-def _read_csv(path: Path) -> pa.Table:
+def _read_csv(path: Path, only: Collection[str] | None) -> pa.Table:
     """The table of a CSV, possibly rewritten by R, pandas or a spreadsheet, with additional columns."""
     from pyarrow import csv
 
     with opened_csv(path) as file:
         names = [n.strip() for n in next(reader(file), [])]
         content = file.getvalue().encode() if isinstance(file, StringIO) else path.read_bytes()
-    types = {n: known for n in names if (known := column_type(n)) is not None}
+    read = [n for n in names if only is None or n in only]
+    types = {n: known for n in read if (known := column_type(n)) is not None}
     # pandas writes whole numbers as 1.0 once a column has had gaps.
     read_as = {n: pa.float64() if known == pa.int64() else known for n, known in types.items()}
     read_as |= {"success": pa.string()} if "success" in types else {}
     missing = ["", "NA", "NaN", "nan"]
-    options = csv.ConvertOptions(column_types=read_as, null_values=missing, strings_can_be_null=True)
+    options = csv.ConvertOptions(
+        column_types=read_as,
+        null_values=missing,
+        strings_can_be_null=True,
+        include_columns=[] if only is None else read,
+    )
     # Not by its path: PyArrow opens no file whose name is not UTF-8.
     table = csv.read_csv(
         pa.BufferReader(content), csv.ReadOptions(column_names=names, skip_rows=1), convert_options=options
     )
     if "success" in types:  # pandas and R may have made it a column of truth values
-        column = names.index("success")
+        column = read.index("success")
         success = [None if cell is None else number_in(cell.strip()) for cell in table.column(column).to_pylist()]
         table = table.set_column(column, "success", pa.array(success, pa.float64()))
-    read = zip(names, table.schema.types, strict=True)
-    return table.cast(pa.schema([(n, types.get(n, kind)) for n, kind in read]))
+    kinds = zip(read, table.schema.types, strict=True)
+    return table.cast(pa.schema([(n, types.get(n, kind)) for n, kind in kinds]))
 
 
-def _read_parquet(path: Path) -> pa.Table:
+def _read_parquet(path: Path, only: Collection[str] | None) -> pa.Table:
     from pyarrow import parquet
 
     with path.open("rb") as stream:
-        return parquet.read_table(stream)
+        return parquet.read_table(stream, columns=None if only is None else sorted(only))
