@@ -36,7 +36,11 @@ from videos import portrait_images, write_video
 
 COPY = "import shutil, sys; [shutil.copy(sys.argv[1] + e, sys.argv[2] + e) for e in sys.argv[3:]]"
 ALAS = "print('noise'); raise SystemExit('mien: alas')"
-WARNED = "import sys; print('mien: the face is turned', file=sys.stderr); " + COPY
+WARNED = f"""
+import json, pathlib; {COPY}
+settings = pathlib.Path(sys.argv[2] + ".json")
+settings.write_text(json.dumps(json.loads(settings.read_text()) | {{"warnings": ["the face is turned"]}}))
+"""
 SLOW = "import os, pathlib, sys, time; pathlib.Path(sys.argv[2] + '.pid').write_text(str(os.getpid())); time.sleep(600)"
 FIND = "import sys; from pathlib import Path; from mien import batch; batch.find_videos([Path(sys.argv[1])], Path('o'))"
 AFTER_SLOW = """
@@ -361,11 +365,12 @@ def test_a_failure_has_its_reason_whatever_was_warned_of(
 def test_a_note_does_not_repeat_the_name_of_its_video(
     between: str, videos: Path, code: dict[str, str], tmp_path: Path
 ) -> None:
-    video = videos / "a.mp4"
-    said = f"import sys; print({f'mien: {video}{between}alas'!r}, file=sys.stderr); "
-    code["a.mp4"] = said + COPY
+    video, done = videos / "a.mp4", tmp_path / "done.json"
+    known = json.loads(done.read_text())
+    known |= {"warnings": [f"{video}{between}alas"], "video": known["video"] | {"name": str(video)}}
+    done.write_text(json.dumps(known))
     assert track_all([video], tmp_path / "out")[0].note == "alas"
-    code["a.mp4"] = said + "sys.exit(2)"
+    code["a.mp4"] = f"import sys; print({f'mien: {video}{between}alas'!r}, file=sys.stderr); sys.exit(2)"
     assert track_all([video], tmp_path / "out", BatchOptions(again=True))[0].note == (
         "alas; a.csv is from an earlier run"
     )
@@ -613,7 +618,7 @@ def test_what_was_noted_of_a_video_is_kept_with_it(videos: Path, code: dict[str,
         row = track_all([videos / "a.mp4"], out)[0]
         assert (row.state, row.note) == (state, "the face is turned")
     (out / "summary.csv").unlink()
-    assert track_all([videos / "a.mp4"], out)[0].note == ""
+    assert track_all([videos / "a.mp4"], out)[0].note == "the face is turned"
     del code["a.mp4"]
     assert track_all([videos / "a.mp4"], out, BatchOptions(again=True))[0].note == ""
 
@@ -722,9 +727,10 @@ def test_what_was_noted_outlives_a_run_that_is_killed(videos: Path, code: dict[s
     assert [(row.state, row.note) for row in rows] == [("kept", "the face is turned"), ("tracked", ""), ("tracked", "")]
 
 
-def test_a_video_that_outlives_a_run_that_is_killed_says_that_nothing_was_noted(
+def test_a_video_that_outlives_a_run_that_is_killed_has_its_warnings(
     videos: Path, code: dict[str, str], tmp_path: Path
 ) -> None:
+    code["a.mp4"] = WARNED
     out, left = tmp_path / "out", tmp_path / "left"
 
     def look(done: int, total: int, name: str) -> None:
@@ -736,8 +742,7 @@ def test_a_video_that_outlives_a_run_that_is_killed_says_that_nothing_was_noted(
         shutil.copy(out / f"a{ending}", left)
     for _ in range(2):
         first = track_all([videos], left)[0]
-        assert (first.state, "warnings are unknown" in first.note) == ("kept", True)
-    assert track_all([videos], left, BatchOptions(again=True))[0].note == ""
+        assert (first.state, first.note) == ("kept", "the face is turned")
 
 
 def test_a_video_with_a_long_name_is_tracked(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
@@ -822,13 +827,13 @@ def test_writing_the_summary_takes_a_small_share_of_the_time(
 def test_stopped_before_it_is_tracked_again_a_video_keeps_what_was_noted(
     videos: Path, code: dict[str, str], tmp_path: Path
 ) -> None:
-    """But not if its process has finished nevertheless."""
+    """Also if its process has finished nevertheless, which then had no warnings."""
     code.update({"a.mp4": WARNED, "b.avi": WARNED, "c.MOV": WARNED})
     out, last = tmp_path / "out", tmp_path / "out" / "sub" / "b.parquet"
     track_all([videos], out)
     code["b.avi"] = f"{COPY}; {SLOW}"
 
-    for reached, state, note in ((0, "not yet", "the face is turned"), (1, "kept", "warnings are unknown")):
+    for reached, state, note in ((0, "not yet", "the face is turned"), (1, "kept", "")):
         before = last.stat().st_mtime_ns
 
         def stop(done: int, total: int, name: str, reached: int = reached, before: int = before) -> None:
@@ -842,7 +847,7 @@ def test_stopped_before_it_is_tracked_again_a_video_keeps_what_was_noted(
         assert [row["state"] for row in _summary(out)][1:] == [state, "not yet"]
         rows = track_all([videos], out)
         assert _states(rows) == ["kept"] * 3
-        assert note in rows[1].note
+        assert rows[1].note == note
         assert rows[0].note == rows[2].note == "the face is turned"
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import pytest
 
-from mien.errors import interruption
+from mien.errors import MienWarning, interruption, noted_warnings, warn, warnings_noted
 
 
 def _chained(*errors: BaseException) -> BaseException:
@@ -25,3 +27,28 @@ def test_an_interruption_is_found_however_deep_it_lies(between: int) -> None:
 def test_other_errors_are_themselves() -> None:
     error = _chained(SystemError(), ValueError())
     assert interruption(error) is error
+
+
+@pytest.mark.filterwarnings("ignore::mien.errors.MienWarning")
+def test_what_is_warned_of_is_noted_once_by_who_asks_for_it() -> None:
+    """Each thread for itself, as each may track a video."""
+
+    @warnings_noted()
+    def noted(*sentences: str) -> list[str]:
+        for sentence in sentences:
+            warn(sentence)
+        return noted_warnings()
+
+    with warnings_noted():
+        warn("blurred")
+        with ThreadPoolExecutor(1) as other:
+            assert other.submit(noted, "turned", "dark", "turned").result() == ["turned", "dark"]
+            other.submit(warn, "elsewhere").result()
+        assert noted("covered") == ["covered"]
+        assert noted_warnings() == ["blurred"]
+    assert noted_warnings() == []
+    with warnings_noted(), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(MienWarning):
+            warn("blurred")
+        assert noted_warnings() == ["blurred"]

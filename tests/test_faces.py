@@ -102,9 +102,13 @@ def test_each_face_has_a_track_and_all_are_drawn(video: Path, tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("detector")
-def test_no_more_faces_than_are_wanted(video: Path) -> None:
-    (track,) = track_faces(video, 1, focal_px=FOCAL, at_once=True)
+def test_no_more_faces_than_are_wanted(video: Path, tmp_path: Path) -> None:
+    """And the track says what was warned of."""
+    (tmp_path / "out.face1.csv").write_bytes(b"")
+    with pytest.warns(MienWarning, match=r"out\.face1\.csv is left from an earlier run"):
+        (track,) = track_faces(video, 1, focal_px=FOCAL, at_once=True, save=tmp_path / "out.csv")
     assert track.lost == 0
+    assert track.metadata["warnings"][-1].endswith("this one has 1 face")
 
 
 @pytest.mark.usefixtures("detector")

@@ -140,8 +140,9 @@ def test_a_face_that_is_turned_in_the_first_frame_is_warned_of(
     pan_deg: float, warned: bool, tracker: StillTracker, folder: Path, recwarn: pytest.WarningsRecorder
 ) -> None:
     tracker.rotation = FACING @ exp(np.radians([0, pan_deg, 0]))
-    mien.track(folder, landmarks=face().landmarks)
+    track = mien.track(folder, landmarks=face().landmarks)
     assert ["turned by 25 degrees at 0.00 s" in str(w.message) for w in recwarn] == [True] * warned
+    assert track.metadata["warnings"] == [str(w.message) for w in recwarn]
 
 
 def test_numbers_do_not_depend_on_the_threads_of_a_program(tracker: StillTracker, folder: Path) -> None:

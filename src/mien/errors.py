@@ -1,6 +1,12 @@
 """The one error and the one warning that mien raises for its users."""
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_noted: ContextVar[dict[str, None] | None] = ContextVar("_noted", default=None)
+"""What was warned of since `warnings_noted`, in this thread; None where nobody asks."""
 
 
 class MienError(ValueError):
@@ -13,7 +19,25 @@ class MienWarning(UserWarning):
 
 def warn(message: str) -> None:
     """Issue a `MienWarning`; the command line prints it as one sentence."""
+    noted = _noted.get()
+    if noted is not None:
+        noted[message] = None
     warnings.warn(message, MienWarning, stacklevel=3)
+
+
+@contextmanager
+def warnings_noted() -> Iterator[None]:
+    """Note what is warned of in the block, or in a function that is decorated with this, for `noted_warnings`."""
+    before = _noted.set({})
+    try:
+        yield
+    finally:
+        _noted.reset(before)
+
+
+def noted_warnings() -> list[str]:
+    """What was warned of so far, each sentence once; see `warnings_noted`."""
+    return list(_noted.get() or ())
 
 
 def interruption(error: BaseException) -> BaseException:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 from mien.batch.options import BatchOptions, pictures_of
 from mien.batch.videos import find_videos
@@ -15,7 +16,7 @@ from mien.errors import MienError, warn
 from mien.files import exists, require_writable
 from mien.output.destination import has_other_content
 from mien.output.sole_use import sole_use
-from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, WARNINGS_UNKNOWN, Row, Summary, face_rows
+from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
 from mien.output.track_files import read_metadata
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker
@@ -67,7 +68,6 @@ def _track_found(
     faces."""
     waiting = []
     for k, (row,) in enumerate(found):
-        found[k] = [row := replace(row, note=summary.note_of(row))]
         kept = None if options.again else _kept_rows(row, options)
         if kept is None:
             waiting.append(k)
@@ -98,7 +98,9 @@ def _track_found(
         warn(f"stopped; {done} of {len(found)} videos are done; {how}")
         for k in waiting:
             if found[k][0].state == PENDING:
-                found[k] = _rows_when_stopped(found[k][0], options, earlier)
+                (row,) = found[k]  # unless its process has finished it meanwhile
+                finished = _times([row.table]).get(row.table) != earlier.get(row.table)
+                found[k] = (finished and _kept_rows(row, options)) or [row]
         raise
     finally:
         summary.write(found)
@@ -140,34 +142,34 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
         newer = any(file.stat().st_mtime > oldest for file in (row.video, *images))
         if has_other_content(row.video, known["video"], newer):  # if it is older, too: what is renamed keeps its time
             return None
-        return face_rows(replace(row, state=KEPT), faces)
+        return face_rows(replace(row, state=KEPT, note=_note(row, known)), faces)
     return None
 
 
 def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
     """The rows of a video whose process has ended. earlier: `_times` of its files before."""
-    messages = [_message(line, row.video) for line in ended.output if line.startswith(_MESSAGE_PREFIX)]
-    old = [file.name for file, time in _times(_all_files(row.table)).items() if earlier.get(file) == time]
-    of_earlier_run = [f"{', '.join(old)} {'is' if len(old) == 1 else 'are'} from an earlier run"] * bool(old)
-    if ended.reason:
-        reason = _message(ended.reason, row.video)
-        messages = [reason, *(message for message in messages if message != reason)]
-        return [replace(row, state=FAILED, note="; ".join(messages + of_earlier_run))]
-    try:
-        faces = read_metadata(row.table.with_suffix(".json")).get("faces", 1)
-        return face_rows(replace(row, state=TRACKED, note="; ".join(messages + of_earlier_run)), faces)
-    except MienError as error:
-        return [replace(row, state=FAILED, note=str(error))]
+    if not ended.reason:
+        try:
+            known = read_metadata(row.table.with_suffix(".json"))
+            return face_rows(replace(row, state=TRACKED, note=_note(row, known)), known.get("faces", 1))
+        except MienError as error:
+            return [replace(row, state=FAILED, note=str(error))]
+    old = [file for file, time in _times(_all_files(row.table)).items() if earlier.get(file) == time]
+    said = (line.removeprefix(_MESSAGE_PREFIX) for line in ended.output if line.startswith(_MESSAGE_PREFIX))
+    reason = ended.reason.removeprefix(_MESSAGE_PREFIX)
+    return [replace(row, state=FAILED, note=_joined([reason, *said], str(row.video), old))]
 
 
-def _rows_when_stopped(row: Row, options: BatchOptions, earlier: Mapping[Path, int]) -> list[Row]:
-    """The rows of a video that is not done when the run is stopped, unless its process has finished it meanwhile.
-    earlier: `_times` of its files before."""
-    if _times([row.table]).get(row.table) == earlier.get(row.table):
-        return [row]
-    return _kept_rows(replace(row, note=WARNINGS_UNKNOWN), options) or [replace(row, note="")]
+def _note(row: Row, known: Mapping[str, Any]) -> str:
+    """What was warned of when the table with this NAME.json was made, and which pictures are not of it."""
+    own = {known.get("overlay"), known.get("plot")}
+    others = [file for file in pictures_of(row.table) if file.name not in own and exists(file)]
+    return _joined(known.get("warnings", ()), known.get("video", {}).get("name", ""), others)
 
 
-def _message(line: str, video: Path) -> str:
-    """A line that the process of a video has printed, without what its row tells: by whom, and of which video."""
-    return re.sub(rf"^{re.escape(str(video))}:? ", "", line.removeprefix(_MESSAGE_PREFIX))
+def _joined(messages: Iterable[str], video: str, old: Sequence[Path]) -> str:
+    """Messages of a video as a note, each once and without the name of the video, which its row tells. old: files that
+    an earlier run has left."""
+    told = dict.fromkeys(re.sub(rf"^{re.escape(video)}:? ", "", message) for message in messages)
+    left = [f"{', '.join(file.name for file in old)} {'is' if len(old) == 1 else 'are'} from an earlier run"]
+    return "; ".join([*told, *left * bool(old)])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from numbers import Integral
 from pathlib import Path
 
-from mien.errors import MienError, require, warn
+from mien.errors import MienError, noted_warnings, require, warn, warnings_noted
 from mien.faces.sightings import Sighting, appearances_in, detections_in, sighting_of
 from mien.faces.tracked import LEAST_SECONDS, FaceBoxes, TrackedFace, is_known, unknown_part, without_other_faces
 from mien.frame import Frame
@@ -27,6 +27,7 @@ from mien.video import Source, open_video
 
 
 @one_blas_thread()
+@warnings_noted()
 def track_faces(
     video: Source,
     faces: int,
@@ -187,9 +188,10 @@ def _draw(
 
 def _write(found: Sequence[TrackedFace], wanted: int, files: Destination) -> list[Track]:
     """Write the final tracks of all faces and return them, each with their number."""
+    files.warn_if_stale(len(found))
     summary = {"complete": True, "stopped": None, "faces": len(found), "faces_wanted": wanted}
-    tracks = [replace(face.track, metadata={**face.track.metadata, **summary}) for face in found]
+    warnings = {"warnings": noted_warnings()}
+    tracks = [replace(face.track, metadata={**face.track.metadata, **summary, **warnings}) for face in found]
     for face_id, track in reversed(list(enumerate(tracks))):  # if the first is complete, all are
         files.of_face(face_id).write(track)
-    files.warn_if_stale(len(tracks))
     return tracks

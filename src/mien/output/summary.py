@@ -1,4 +1,4 @@
-"""The summary of many videos: a CSV with one row per face, in which later runs find what earlier ones have noted."""
+"""The summary of many videos: a CSV with one row per face, in which later runs keep other videos and what users add."""
 
 from __future__ import annotations
 
@@ -26,8 +26,6 @@ SUMMARY = "summary.csv"
 TRACKED, KEPT, FAILED, PENDING = "tracked", "kept", "failed", "not yet"
 """State of a video: tracked in this run; kept from an earlier run; failed; not reached before the run was stopped. Rows
 of videos that a run is not asked for keep theirs."""
-WARNINGS_UNKNOWN = "finished after mien batch was stopped, so its warnings are unknown; --again tracks it again"
-"""The note of a video whose process outlived the run that started it."""
 _CSV: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
 """How the summary is written: in names of files that are not valid UTF-8, bytes are replaced by their escapes."""
 
@@ -103,19 +101,10 @@ class Summary:
             earlier.setdefault(_table_of_first(row), []).append(row)
         return cls(path, earlier)
 
-    def note_of(self, row: Row) -> str:
-        """What was noted of the table of a video; if it is newer than the summary of a run that was stopped before it
-        finished, that its warnings are unknown."""
-        known = self._known(row)
-        if not exists(row.table):
-            return ""
-        if known.get("state") == PENDING and row.table.stat().st_mtime_ns >= self.path.stat().st_mtime_ns:
-            return WARNINGS_UNKNOWN
-        return known.get("note") or ""
-
     def require_own(self, row: Row) -> None:
         """Raise MienError if the table of a row was made, in an earlier run, of another video that is still there."""
-        video = Path(self._known(row).get("video") or row.video)
+        known = self.earlier.get(self._values(row)["table"], ())
+        video = Path(next((face["video"] for face in known if face["video"]), row.video))
         require(
             not exists(row.table) or not exists(video) or real_path(row.video) == real_path(video),
             f"{row.table} is the table of {video}, by {self.path}, and {row.video} would replace it; choose another "
@@ -162,11 +151,6 @@ class Summary:
             for table, faces in self.earlier.items()
             if exists(self.path.parent / table) or exists(Path(faces[0]["video"]))
         }
-
-    def _known(self, row: Row) -> Mapping[str, str]:
-        """The row of an earlier run for the same table; empty without one."""
-        faces = self.earlier.get(self._values(row)["table"], ())
-        return next((face for face in faces if face.get("face_id") == "0"), {})
 
     def _values(self, row: Row) -> dict[str, Any]:
         """A row as it is written: the video as an absolute path, the table as one from the folder of the summary."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from mien._version import __version__
 from mien.candide.model import TRACKED_UNITS
+from mien.errors import noted_warnings
 from mien.output.recorder import Recorder
 from mien.start.first_frame import Start
 from mien.start.footage import requested_options
@@ -27,6 +28,7 @@ def metadata(
         "mien": __version__,
         "complete": stopped is None,
         "stopped": stopped,
+        "warnings": noted_warnings(),
         "frames": recorder.count,
         "video": {
             "name": video.name,

@@ -12,7 +12,7 @@ from functools import partial
 from numbers import Integral
 from pathlib import Path
 
-from mien.errors import require
+from mien.errors import require, warnings_noted
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks, Point
@@ -33,6 +33,7 @@ Progress = Callable[[Estimate, int | None], None]
 
 
 @one_blas_thread()
+@warnings_noted()
 def track(
     video: Source,
     *,
@@ -81,9 +82,9 @@ def track(
     report = reporter(progress, footage, passes)
     with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
         begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
+        files.warn_if_stale(1)
         for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
             files.write(result)
-    files.warn_if_stale(1)
     return result
 
 
