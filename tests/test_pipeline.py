@@ -135,6 +135,24 @@ def test_a_camera_is_free_again_though_the_error_that_ended_it_is_kept(
     assert device.released
 
 
+def test_what_a_camera_has_shown_until_it_failed_is_not_complete(
+    tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But it is where it was to end, as a video and what a program reads are where they end."""
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: Device(portrait_images()))
+    with pytest.warns(MienWarning, match="no more images after"):
+        known = mien.track(0, landmarks=face().landmarks).metadata
+    assert not known["complete"]
+    assert known["stopped"].startswith("camera 0 gives no more images after")
+    ended = mien.track(0, landmarks=face().landmarks, end=1e-6)
+    for track in (
+        ended,
+        *(mien.track(video, landmarks=face().landmarks) for video in (folder, iter(open_video(folder)))),
+    ):
+        assert track.metadata["complete"]
+        assert track.metadata["warnings"] == []
+
+
 @pytest.mark.parametrize(("pan_deg", "warned"), [(10, False), (25, True)])
 def test_a_face_that_is_turned_in_the_first_frame_is_warned_of(
     pan_deg: float, warned: bool, tracker: StillTracker, folder: Path, recwarn: pytest.WarningsRecorder

@@ -130,9 +130,13 @@ def test_a_camera_that_gives_no_image_is_told(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which it does not by itself: the end is told of."""
     device = Device(gradient(index) for index in range(3))
     monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
-    frames = list(open_video(0))
+    video = open_video(0)
+    with pytest.warns(MienWarning, match=r"^camera 0 gives no more images after \d\.\d\d s, which .* check its cable"):
+        frames = list(video)
+    assert video.stopped is not None
     assert device.released
     assert [frame.index for frame in frames] == [0, 1, 2]
     assert frames[0].time == 0 < frames[1].time < frames[2].time

@@ -22,8 +22,9 @@ def metadata(
     begin: Start, preset: str, tracker: Tracker, recorder: Recorder, number: int, face_id: int, stopped: str | None
 ) -> Mapping[str, Any]:
     """The content of NAME.json. tracker: one that has learned the face; number: of the pass; face_id: index of the face
-    in the video; stopped: why the track is not complete, None if it is."""
+    in the video; stopped: why tracking ended before the video, None if it did not."""
     video = begin.footage.video
+    stopped = stopped or video.stopped
     values: dict[str, Any] = {
         "mien": __version__,
         "complete": stopped is None,

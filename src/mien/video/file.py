@@ -47,6 +47,7 @@ class VideoFile:
     may_jump: bool = False
 
     repeatable = True
+    stopped = None
 
     @property
     def name(self) -> str:

@@ -43,6 +43,7 @@ class ImageFolder:
     fps: float = FOLDER_FPS
 
     repeatable = True
+    stopped = None
     begin = 0.0
 
     @property

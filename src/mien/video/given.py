@@ -29,11 +29,13 @@ _RECENT = 31
 """Number of the last times that tell how long a frame takes whose own is wrong."""
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CameraDevice:
-    """A camera by its number; times are seconds since its first frame. Iteration ends when the camera stops."""
+    """A camera by its number; times are seconds since its first frame. Iteration ends, with a warning, when the camera
+    gives no more images; `stopped` then says so."""
 
     number: int
+    stopped: str | None = None
     path: None = None
     repeatable: bool = False
     frame_count: None = None
@@ -52,14 +54,16 @@ class CameraDevice:
         log.setLogLevel(level)
         try:
             require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
-            first: float | None = None
+            first = now = 0.0
             for index in itertools.count():
                 success, image = device.read()
                 if not success:
                     require(index > 0, f"camera {self.number} gives no image; check that no other program uses it")
+                    self.stopped = f"camera {self.number} gives no more images after {now - first:.2f} s"
+                    warn(f"{self.stopped}, which ends the track; check its cable, and that no other program uses it")
                     return
                 now = perf_counter()
-                first = now if first is None else first
+                first = first if index else now
                 yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, now - first)
         finally:
             device.release()
@@ -73,6 +77,7 @@ class GivenFrames:
     frames: Iterable[Frame]
     path: None = None
     name: str = "the frames"
+    stopped: None = None
 
     @property
     def repeatable(self) -> bool:

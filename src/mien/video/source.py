@@ -25,7 +25,8 @@ class Video(Protocol):
 
     name: in messages; path: the file or folder, None if there is none; repeatable: whether frames can be read again,
     and not only once; fps: mean frames per second; begin: time in seconds of the first frame, as far as it is known
-    beforehand; frame_count: expected number of frames, None if unknown.
+    beforehand; frame_count: expected number of frames, None if unknown; stopped: why the frames ended that should have
+    gone on, None if they did not.
     """
 
     @property
@@ -40,6 +41,8 @@ class Video(Protocol):
     def begin(self) -> float: ...
     @property
     def frame_count(self) -> int | None: ...
+    @property
+    def stopped(self) -> str | None: ...
     def __iter__(self) -> Iterator[Frame]: ...
 
 
