@@ -371,7 +371,7 @@ def test_the_window_shows_every_frame_also_before_there_is_a_face(
             shown.append(pixels)
 
     def find_face(
-        frames: Iterator[Frame], name: str, without_face: Callable[[Frame], None], *_: Any
+        frames: Iterator[Frame], video: Any, without_face: Callable[[Frame], None], *_: Any
     ) -> tuple[Frame, Landmarks]:
         without_face(next(frames))
         first = next(frames)

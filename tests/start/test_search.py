@@ -284,8 +284,22 @@ def test_frames_that_end_before_the_face_looks_into_the_camera(detector: set[int
     with pytest.raises(MienError, match=r"no face looks into the camera in its 5 frames .*; at_once learns"):
         prepare(Footage(Live(turning.frames[:5]), face().camera))
     detector.update(range(5))
-    with pytest.raises(MienError, match="no face was found in its 5 frames"):
+    with pytest.raises(MienError, match=r"no face was found in its 5 frames .*; bring it nearer, or into more light$"):
         prepare(Footage(Live(turning.frames[:5]), face().camera))
+
+
+def test_of_several_faces_before_a_camera_no_more_than_one_can_be_chosen(
+    turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of them only in a file: what a camera has shown cannot be tracked once more."""
+    two = [face().landmarks] * 2
+    monkeypatch.setattr("mien.initialization.detector.first_with_a_face", lambda frames, at: (next(frames), two))
+    for video, told in (
+        (Live(turning.frames), "chooses another$"),
+        (Live(turning.frames, repeatable=True), "--faces 2"),
+    ):
+        with pytest.warns(MienWarning, match=f"2 faces in the frame at 0.00 s; .*{told}"):
+            search.find_face(iter(turning.frames), video, lambda frame: None)
 
 
 def test_a_face_that_was_away_is_waited_for_anew(

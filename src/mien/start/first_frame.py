@@ -150,7 +150,7 @@ def _begin_with_a_face(opening: _Opening, report: Callable[[Estimate], None], sh
         if not footage.repeatable:
             passed.append(estimate)
 
-    first, landmarks = find_face(opening.frames, footage.video.name, without_face, patience, opening.face)
+    first, landmarks = find_face(opening.frames, footage.video, without_face, patience, opening.face)
     if opening.at_once or not footage.repeatable:
         return opening.start(first, straightened(first, landmarks, camera), passed, reported=first.index)
     best, sightings, graphics = best_look(first, landmarks, camera, footage)

@@ -21,7 +21,7 @@ from mien.start.footage import Footage
 from mien.start.looks import detail, disagreement_error, expected_errors, eye_opening, turn_of
 from mien.start.still import StillSearch
 from mien.tracking.scene import numbered_by_shot
-from mien.video import decode_frame
+from mien.video import Video, decode_frame
 from mien.video.selection import SAME_TIME
 
 _LOOK_SECONDS = 10.0
@@ -49,19 +49,20 @@ to 0.1 in blinks."""
 
 def find_face(
     frames: Iterable[Frame],
-    name: str,
+    video: Video,
     without_face: Callable[[Frame], None],
     patience: Patience | None = None,
     at: Point | None = None,
 ) -> tuple[Frame, Landmarks]:
-    """The first frame with a face (or the first that `patience` accepts), and its largest face or the one at a point.
+    """The first of the frames of a video with a face (or that `patience` accepts), and its largest face or the one at a
+    point.
 
     Calls `without_face` for each frame before it. Raises MienError if no frame has a face; warns if it is not the first
     of the frames, or shows several faces.
     """
     from mien.initialization.detector import first_with_a_face
 
-    times: list[float] = []
+    name, times = video.name, list[float]()
 
     def recorded() -> Iterator[Frame]:
         for frame in frames:
@@ -75,26 +76,28 @@ def find_face(
         found = next(((frame, faces) for frame in recorded() if (faces := patience(frame))), None)
     if found is None:
         waiting = patience is not None and patience.first_detection is not None
-        raise MienError(f"{name}: {_no_face(times, at, waiting)}")
+        raise MienError(f"{name}: {_no_face(times, at, waiting, video.repeatable)}")
     first, faces = found
     if first.time > times[0]:
         warn(f"{name}: a face is first found at {first.time:.2f} s")
     if len(faces) > 1:
+        every = f", and --faces {len(faces)} tracks all of them" if video.repeatable else ""
         warn(
             f"{name}: {len(faces)} faces in the frame at {first.time:.2f} s; the largest is tracked, "
-            f"--face X Y chooses another, and --faces {len(faces)} tracks all of them"
+            f"--face X Y chooses another{every}"
         )
     return first, replace(faces[0], source=f"{name}, detected face")
 
 
-def _no_face(times: Sequence[float], at: Point | None, waiting: bool) -> str:
+def _no_face(times: Sequence[float], at: Point | None, waiting: bool, repeatable: bool) -> str:
     """That no face was found at a point in frames with these times, in seconds, and the remedy. waiting: whether one
-    was seen that did not look into the camera."""
+    was seen that did not look into the camera; repeatable: whether the frames can be read again."""
     place = "" if at is None else f" at {at[0]:g}, {at[1]:g}"
     searched = f"{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s"
     if waiting:
         return f"no face looks into the camera{searched}; at_once learns one as it is"
-    return f"no face was found{searched}; annotate one and pass --landmarks, or enlarge or brighten the video"
+    recorded = "annotate one and pass --landmarks, or enlarge or brighten the video"
+    return f"no face was found{searched}; {recorded if repeatable else 'bring it nearer, or into more light'}"
 
 
 class Patience:
