@@ -21,7 +21,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES, Landmarks
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.paper import CROP_SIZE_UNITS, in_view
 from mien.tracking.prior import state_sd
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_next_of, unpack
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_first, require_next_of, unpack
 
 PIXELS_PER_UNIT = 64.0
 """Size of a CANDIDE unit in the trackers' crops, in pixels."""
@@ -80,7 +80,7 @@ class CandideTracker(ABC):
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its face."""
-        landmarks.check(frame.width, frame.height)
+        require_first(frame, landmarks, camera)
         self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera)
         self.landmarks = LandmarkModel.of_first_frame(self.fit)

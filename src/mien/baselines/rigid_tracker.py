@@ -11,7 +11,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status, require_next_of
+from mien.tracking.state import Estimate, Status, require_first, require_next_of
 
 
 class RigidTracker(ABC):
@@ -26,7 +26,7 @@ class RigidTracker(ABC):
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the surface to the first frame's face and learn its appearance."""
-        landmarks.check(frame.width, frame.height)
+        require_first(frame, landmarks, camera)
         self.size = frame.width, frame.height
         fit = fit_first_frame(landmarks, camera)
         self.head = RigidHead.from_first_frame(frame, fit, camera, self.surface_of(fit))

@@ -21,7 +21,7 @@ from mien.tracking.likelihood import AppearanceLikelihood, LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.posterior import Posterior
 from mien.tracking.prior import GaussianPrior, state_sd
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_next_of, unpack
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_first, require_next_of, unpack
 
 CROP_SIZE_UNITS = 2.4
 """Side of the crop in CANDIDE units: the landmarks, their patches, and room for them to move."""
@@ -60,7 +60,7 @@ class PaperTracker:
         """Section 3.1: fit the first frame, render the views, learn a Gaussian per landmark. Raises MienError for
         landmarks that cannot be tracked."""
         s = self.settings
-        landmarks.check(frame.width, frame.height)
+        require_first(frame, landmarks, camera)
         self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera, self.model)
         self.landmarks = LandmarkModel.of_first_frame(self.fit)

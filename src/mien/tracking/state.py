@@ -164,9 +164,20 @@ class Tracker(Protocol):
         ...
 
 
+def require_first(frame: Frame, landmarks: Landmarks, camera: Camera) -> None:
+    """Raise MienError if a tracker cannot begin with these, as they are something else or the landmarks are wrong."""
+    for given, kind in ((frame, Frame), (landmarks, Landmarks), (camera, Camera)):
+        require(
+            isinstance(given, kind),
+            f"{type(given)} is no mien.{kind.__name__}; initialize takes a frame, its landmarks and the camera",
+        )
+    landmarks.check(frame.width, frame.height)
+
+
 def require_next_of(size: tuple[int, int] | None, frame: Frame) -> None:
     """Raise MienError if a tracker that began with a frame of this width and height, None if it has not begun, cannot
     track a frame: the camera's numbers hold for that size."""
+    require(isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)")
     if size == (frame.width, frame.height):
         return
     require(size is not None, "the tracker knows no face yet; call initialize first")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -58,12 +59,19 @@ def test_the_face_is_followed(estimates: list[Estimate]) -> None:
     "new", [RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker]
 )
 def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], Tracker]) -> None:
-    """They would be tracked, at angles that are wrong by tens of degrees."""
-    tracker = new()
+    """They would be tracked, at angles that are wrong by tens of degrees; and so is what is no frame at all."""
+    tracker: Any = new()
     first = small_motion().frames[0]
     with pytest.raises(MienError, match="call initialize first"):
         tracker.track(first)
-    tracker.initialize(first, face().landmarks, face().camera)
+    given = {"frame": first, "landmarks": face().landmarks, "camera": face().camera}
+    for name, wrong in (("frame", first.pixels), ("landmarks", "face.json"), ("camera", None)):
+        with pytest.raises(MienError, match=f"is no mien.{name.capitalize()}; initialize takes a frame, its landmarks"):
+            tracker.initialize(**given | {name: wrong})
+    tracker.initialize(**given)
+    for nothing in (None, first.pixels):
+        with pytest.raises(MienError, match=r"is no frame; give each as mien\.Frame\(pixels, index, time\)"):
+            tracker.track(nothing)
     with pytest.raises(MienError, match=r"has the size \(320, 120\), the first had \(320, 240\)"):
         tracker.track(Frame(np.ascontiguousarray(first.pixels[:120]), 7))
 

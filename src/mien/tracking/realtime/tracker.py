@@ -44,7 +44,7 @@ from mien.tracking.realtime.uncertainty import (
     state_covariance,
     visibility,
 )
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_next_of
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_first, require_next_of
 
 _LIDS = np.array(
     [[LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
@@ -92,7 +92,7 @@ class RealtimeTracker:
         """Fit the first frame and learn the appearance of its landmarks. Raises MienError for landmarks that cannot be
         tracked, and for a face that would be nearer to the camera than it is wide."""
         s = self.settings
-        landmarks.check(frame.width, frame.height)
+        require_first(frame, landmarks, camera)
         self.graphics, frame = landmarks.graphics, frame.behind(landmarks.graphics)
         self.size, self.camera = (frame.width, frame.height), camera
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
