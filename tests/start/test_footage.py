@@ -72,6 +72,23 @@ def test_a_calibration_is_read(calibration: dict[str, Any], tmp_path: Path) -> N
         read_camera(file, (320, 240))
 
 
+@pytest.mark.parametrize(
+    "numbers", [{"focal_px": 500}, {"focal_px": 500, "cx": 160, "cy": 120}, {"camera": {"focal_px": 500}}]
+)
+def test_a_camera_of_images_of_another_size_is_warned_of(
+    numbers: dict[str, Any], tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    """If its file says of which; its optical axis lies within the image of both."""
+    file = tmp_path / "c.json"
+    for stated in ({}, {"image_width": 320, "image_height": 240}, {"image_width": 640}):
+        file.write_text(json.dumps(numbers | stated))
+        read_camera(file, (320, 240))
+    assert not recwarn
+    file.write_text(json.dumps(numbers | {"image_width": 640, "image_height": 480}))
+    with pytest.warns(MienWarning, match=r"c\.json has the camera of a video of 640x480 pixels, and this one has 320x"):
+        assert read_camera(file, (320, 240)).focal_px == 500
+
+
 @pytest.mark.parametrize("distortion", [[-0.3, 0.1, 0, 0], {"data": [-0.3, 0.1, 0, 0, 0]}])
 def test_a_calibration_with_distortion_is_refused(distortion: Any, tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion}))

@@ -148,7 +148,8 @@ def requested_options(
 
 def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
     """Read a camera from JSON: {"focal_px": .., "cx": .., "cy": ..}, the latter by default the middle of the image; the
-    NAME.json of a track; or the "camera_matrix" of a calibration, see `Camera.from_matrix`.
+    NAME.json of a track; or the "camera_matrix" of a calibration, see `Camera.from_matrix`. "image_width" and
+    "image_height" may say of which images.
 
     size: width and height of the images in pixels; warns if the file is of images of another size. Without it, a middle
     that the file does not have is 0, 0. Raises MienError that names the file.
@@ -178,9 +179,9 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
 
 
 def _size_stated(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A JSON with the size of its images where a NAME.json has it, also if it is a calibration."""
+    """A JSON with the size of its images where a NAME.json has it, also if it has it as a calibration does."""
     width, height = values.get("image_width"), values.get("image_height")
-    return {"video": {"width": width, "height": height}} if "camera_matrix" in values else values
+    return values if "video" in values else {"video": {"width": width, "height": height}}
 
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:
