@@ -62,9 +62,10 @@ class Track:
     @classmethod
     def from_estimates(cls, estimates: Iterable[Estimate], metadata: Mapping[str, Any] | None = None) -> Track:
         """The track of these estimates, for example from `mien.stream`. Its metadata include `landmark_names` and
-        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them. It has no `mesh`. Raises
-        MienError, before the first estimate is asked for, if NAME.json cannot hold the metadata; warns of estimates of
-        several streams."""
+        `mm_per_unit` (millimetres per CANDIDE unit), unless `metadata` overrides them. It has no `mesh`. An error or
+        Ctrl-C from within the iterable passes through, and no track is made: keep the estimates in a list where that
+        may happen, and make the track of it. Raises MienError, before the first estimate is asked for, if NAME.json
+        cannot hold the metadata; warns of estimates of several streams."""
         json_text(metadata or {})
         anew = False
         with Recorder() as recorder:
