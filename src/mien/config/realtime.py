@@ -37,6 +37,9 @@ class CovarianceSettings(Settings):
     rank: int = Field(20, ge=0, description="rank of the covariance above its floor")
     floor: float = Field(1e-3, gt=0, description="variance of a descriptor entry in every direction")
     lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean that halves a landmark's metric")
+    learned: int = Field(2, ge=0, description="directions that are added to it while tracking, Eq. (8)")
+    rate: float = Field(0.04, ge=0, lt=1, description="rate per frame of the moving average that these come from")
+    share: float = Field(0.5, ge=0, description="share of the variance along them that is added")
 
 
 class VisibilitySettings(Settings):

@@ -135,6 +135,7 @@ class Problem:
             offset=np.zeros((N, 128), np.float32),
             U=np.ascontiguousarray(U),
             gain=(1 / (variance + floor) - 1 / floor).astype(np.float32),
+            learned=0,
             inverse_floor=np.full(N, 1 / floor, np.float32),
             trust=rng.uniform(0.7, 1.3, N).astype(np.float32),
             variance=np.full((N, 4), 1 / precision),

@@ -25,6 +25,7 @@ from mien.appearance import crop, descriptors, face_camera
 from mien.compiled import is_cached
 from mien.processes import available_processors
 from mien.tracking.realtime import (
+    covariance,
     covers,
     definite,
     eyes,
@@ -60,7 +61,7 @@ _PERSON = _array(2), _array(3)
 _VIEW = _array(2), _array(2)
 _PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
 _APPEARANCE = AppearanceArrays(
-    coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), inverse_floor=_single(1),
+    coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), learned=1, inverse_floor=_single(1),
     trust=_single(1), limit=_array(1), variance=_array(2),
 )  # fmt: skip
 _SAMPLING = (1, 0.0, 0.0, 0.0)
@@ -87,6 +88,8 @@ _KERNELS: tuple[Kernel, ...] = (
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, 0.0, _array(2), _array(1))),
     (uncertainty._of_model, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0, 0.0)),
     (level._nearest, (_array(1), 0.0)),
+    (covariance._learn,
+     (_single(3), (_single(3), _single(2), _single(1)), _single(2), _SEEN, 0.0, 0.0, 0.0, 1)),
     (person._learn_distances, (_array(1), _array(1), _SEEN, _array(1), 0.0, (0.0, 0.0))),
     (person._learn_locations, (_array(2), _array(1), _array(3), _array(2), _SEEN, _array(1), 0.0)),
     (person._spread, (_array(2), _array(1), _array(1), _SEEN)),

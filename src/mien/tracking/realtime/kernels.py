@@ -33,14 +33,15 @@ class AppearanceArrays(NamedTuple):
 
     coefficients (n, 15, 128): of the mean descriptor, see `polynomial`; limit (2,): of tilt and pan, radians;
     offset (n, 128): added to the mean by adaptation; U (n, k, 128), gain (n, k), inverse_floor (n,): the metric, see
-    `linearize_landmarks`, and trust (n,) a factor of it; variance (n, 4): of the systematic error, see
-    `marginalize_misplacement`.
+    `linearize_landmarks`, trust (n,) a factor of it, and `learned` the number of the last rows that were added to it
+    while tracking; variance (n, 4): of the systematic error, see `marginalize_misplacement`.
     """
 
     coefficients: Float32
     offset: Float32
     U: Float32
     gain: Float32
+    learned: int
     inverse_floor: Float32
     trust: Float32
     limit: Array
@@ -102,10 +103,11 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms: Any, active: Any, at: Any) -> None:
     """Squared distance of every active landmark at q (n, 2), and its derivatives by [u, v, tilt, pan] of the crop.
 
-    Fills residual, M, g and d2 of a `Linearization`, in the metric `trust (I inverse_floor + U^T diag(gain) U)`. terms
-    (3, 15): see `polynomial`.
+    Fills residual, M, g and d2 of a `Linearization`, in the metric `trust (I inverse_floor + U^T diag(gain) U)`; d2
+    without its learned rows: how strange a landmark looks is judged by the views alone. terms (3, 15): see
+    `polynomial`.
     """
-    coefficients, offset, U, gain, inverse_floor, trust, _, _ = appearance
+    coefficients, offset, U, gain, learned, inverse_floor, trust, _, _ = appearance
     residuals, M, g, d2, _, _, _, _ = at
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
@@ -146,7 +148,7 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
                 for c in range(128):
                     s += D[a, c] * D[b, c]
                 s *= inverse_floor[i]
-                for k in range(rank):
+                for k in range(rank - learned if b == 0 else rank):
                     s += gain[i, k] * V[a, k] * V[b, k]
                 s *= trust[i]
                 if a == 0:
@@ -274,7 +276,7 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
 def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
     maps, sampling, person, appearance, active, scale, prior, view = problem
-    _, _, _, _, _, _, limit, variance = appearance
+    _, _, _, _, _, _, _, limit, variance = appearance
     ray = view[1]
     q, J = project(person, pose, view)
     tilt, pan, by_ray = angles_along_ray(ray, pose[0])

@@ -17,6 +17,7 @@ from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, opening_of
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.adaptation import Adaptation
+from mien.tracking.realtime.covariance import LearnedCovariance
 from mien.tracking.realtime.covers import Covers
 from mien.tracking.realtime.eyes import closing_of
 from mien.tracking.realtime.learning import LearnedFace, learn_face
@@ -98,6 +99,7 @@ class Person:
             else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s.shape)
         )
         self.neutral = self.shape.mean
+        self.covariance = LearnedCovariance(face.fine.appearance, s.covariance)
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s.adaptation)
         self.expected = np.full(n, s.weights.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
@@ -159,6 +161,7 @@ class Person:
         """Learn from a frame in which the face looks familiar; returns whether the shape has changed. agreement: (n,)
         see `PatchHistory`."""
         self._learn_distances(solution)
+        self._learn_covariance(solution)
         self._learn_locations(solution)
         self._learn_eyes(solution, agreement)
         return self.settings.shape.learn and self._learn_shape(solution)
@@ -168,6 +171,19 @@ class Person:
         s = self.settings.weights
         limits = s.least_distance, s.expected_distance
         _learn_distances(self.expected, solution.d2, solution.facing, solution.w, s.expectation_rate, limits)
+
+    def _learn_covariance(self, solution: Solution) -> None:
+        """Follow what changes the look of a face that hardly moves, as light does, near enough to the front."""
+        if self.face.fine.at(solution.pose.angles) is self.face.fine:
+            worth = self.shape.worth(solution.pose.animation - self.rest)
+            self.covariance.learn(solution.at.residual, solution.facing & (solution.w > TRUSTED), worth)
+
+    def metric(self, level: Level) -> tuple[Float32, Float32, int]:
+        """Eigenvectors U (n, k, 128) and gain (n, k) of the metric at a level, and how many of the last of them were
+        learned while tracking, see `LearnedCovariance`."""
+        if level is self.face.fine:
+            return self.covariance.U, self.covariance.gain, self.settings.covariance.learned
+        return level.appearance.U, level.appearance.gain, 0
 
     def follow_quality(self, solution: Solution) -> None:
         """Expect less of a familiar face that hardly has turned and yet looks worse than usual as a whole: the picture

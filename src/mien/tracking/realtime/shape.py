@@ -49,6 +49,10 @@ class ShapePosterior:
         self.looks: dict[tuple[int, ...], int] = {}
         self._solve()
 
+    def worth(self, expression: Array) -> float:
+        """How much, in [0, 1], a frame with an animation (6,) away from rest can teach: 1 at rest."""
+        return 1 / (1 + float(expression @ expression) / self.settings.expression_sd**2)
+
     def novelty(self, angles: Array, expression: Array) -> float:
         """Share in [0, 1] of a frame's information that is new, at a tilt and pan (2,) in radians and an animation
         (6,) away from rest; counts the frame. 0, and not counted, if that is too little to learn from.
@@ -57,7 +61,7 @@ class ShapePosterior:
         a smile that lasts would teach as much as a face at rest."""
         s, (tilt, pan) = self.settings, np.degrees(angles).tolist()
         units: list[float] = (expression / s.expression_sd).tolist()
-        worth = 1 / (1 + sum(unit * unit for unit in units))
+        worth = self.worth(expression)
         pose = round(tilt / s.bin_deg), round(pan / s.bin_deg)
         look = *pose, *map(round, units)
         visits, alike = self.visits.get(pose, 0.0), self.looks.get(look, 0)

@@ -182,10 +182,10 @@ class Solution:
         return inverse_definite(self.at.H)
 
     @cached_property
-    def _judged(self) -> tuple[Array, Mask, tuple[float, ...]]:
+    def _judged(self) -> tuple[Array, Mask, Array, tuple[float, ...]]:
         """What follows from the squared distances: see `_judge`."""
         noise, n = self.noise, len(LANDMARK_NAMES)
-        judged: tuple[Array, Mask, tuple[float, ...]] = _judge(
+        judged: tuple[Array, Mask, Array, tuple[float, ...]] = _judge(
             self.at.d2, noise.d2, noise.contrast, self.facing, self.expected, self.most, n
         )
         return judged
@@ -203,38 +203,38 @@ class Solution:
     @property
     def seen_share(self) -> float:
         """Share of these of all landmarks."""
-        return self._judged[2][0]
+        return self._judged[3][0]
 
     @property
     def seen_d2(self) -> float:
         """Their median squared distance; 0 without any."""
-        return self._judged[2][1]
+        return self._judged[3][1]
 
     @property
     def misfit(self) -> float:
         """Median, over the landmarks that face the camera, of squared distance over expected one; infinite without
         any."""
-        return self._judged[2][2]
+        return self._judged[3][2]
 
     @property
     def best_misfit(self) -> float:
         """The same for the best quarter of them, which may be all that something leaves of a face."""
-        return self._judged[2][3]
+        return self._judged[3][3]
 
     @property
     def inlier_share(self) -> float:
         """Share of the landmarks that face the camera, without the anchors, whose squared distance is at most `most`; 0
         if they are too few to locate a face. Anchors are plain skin, which looks like much else."""
-        return self._judged[2][4]
+        return self._judged[3][4]
 
     @property
     def best_d2(self) -> float:
         """Largest squared distance of the best quarter of the same landmarks; infinite without any."""
-        return self._judged[2][5]
+        return self._judged[3][5]
 
     def misfit_of(self, which: Mask) -> float:
         """`misfit` of the landmarks `which` (n,)."""
-        misfit: float = largest_of_best(self.d2_without_noise[which] / self.expected[which])
+        misfit: float = largest_of_best(self._judged[2][which])
         return misfit
 
 
@@ -243,21 +243,23 @@ def _judge(d2: Any, noise: Any, contrast: float, facing: Any, expected: Any, mos
     """What squared distances d2 (n,) say of a face.
 
     noise (n,), contrast: see `Noise`; facing (n,), expected (n,), most: of a `Solution`; telling: how many landmarks,
-    the first ones, tell a face from other things. Returns d2 without noise (n,), which landmarks are seen (n,), and the
-    numbers that `Solution` names: `seen_share`, `seen_d2`, `misfit`, `best_misfit`, `inlier_share`, `best_d2`.
+    the first ones, tell a face from other things. Returns d2 without noise (n,), which landmarks are seen (n,), d2 over
+    the expected ones (n,), and the numbers that `Solution` names: `seen_share`, `seen_d2`, `misfit`, `best_misfit`,
+    `inlier_share`, `best_d2`.
     """
     n = d2.size
-    clean, seen = np.empty(n), np.empty(n, np.bool_)
+    clean, seen, misfits = np.empty(n), np.empty(n, np.bool_), np.empty(n)
     of_seen, ratios, of_telling = np.empty(n), np.empty(n), np.empty(n)  # in order
     count, shown, told, inliers = 0, 0, 0, 0
     for i in range(n):
         clean[i] = max(d2[i] - noise[i], 0.0) / (contrast * contrast)
         seen[i] = facing[i] and clean[i] <= most
+        misfits[i] = clean[i] / expected[i]
         if seen[i]:
             kernels.insert(d2[i], of_seen, count)
             count += 1
         if facing[i]:
-            kernels.insert(clean[i] / expected[i], ratios, shown)
+            kernels.insert(misfits[i], ratios, shown)
             shown += 1
             if i < telling:
                 kernels.insert(clean[i], of_telling, told)
@@ -266,4 +268,4 @@ def _judge(d2: Any, noise: Any, contrast: float, facing: Any, expected: Any, mos
     misfit, best_misfit = (ratios[shown // 2], ratios[shown // 4]) if shown else (np.inf, np.inf)
     inlier_share = inliers / told if inliers >= _LEAST_LANDMARKS else 0.0
     seen_d2, best_d2 = of_seen[count // 2] if count else 0.0, of_telling[told // 4] if told else np.inf
-    return clean, seen, (count / n, seen_d2, misfit, best_misfit, inlier_share, best_d2)
+    return clean, seen, misfits, (count / n, seen_d2, misfit, best_misfit, inlier_share, best_d2)

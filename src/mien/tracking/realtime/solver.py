@@ -93,6 +93,7 @@ class PoseSolver:
     def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
         """Eq. (9) in one view, with its prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance
+        U, gain, learned = person.metric(level)
         return PosePosterior(
             maps=view.maps,
             sampling=view.sampling,
@@ -101,8 +102,9 @@ class PoseSolver:
                 coefficients=appearance.coefficients,
                 limit=appearance.limit,
                 offset=person.adapted_offset(level, view.upright),
-                U=appearance.U,
-                gain=appearance.gain,
+                U=U,
+                gain=gain,
+                learned=learned,
                 inverse_floor=appearance.inverse_floor,
                 trust=level.trust(view.pose.angles, self.settings.covariance.lack_of_fit),
                 variance=person.misplacement_variance(level, predicted.last.animation),
