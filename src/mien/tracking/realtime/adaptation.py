@@ -57,9 +57,9 @@ class Adaptation:
         share: Float32 = _share(angles - self.first, self.near, self.learned)
         return share
 
-    def mean_share(self, angles: Array, which: Mask) -> float:
-        """Mean of that over the landmarks `which` (n,); 0 without any."""
-        return float(_mean_of(self.share(angles), which)) if self.begun else 0.0
+    def mean_share(self, share: Float32, which: Mask) -> float:
+        """Mean of that share (n,) over the landmarks `which` (n,); 0 without any."""
+        return float(_mean_of(share, which)) if self.begun else 0.0
 
     def learn_eyes(self, angles: Array, residual: Float32, strange: Mask) -> None:
         """Eq. (7) at a tilt and pan (2,), for the k landmarks that are `strange` (n,): residual (k, 128) is their

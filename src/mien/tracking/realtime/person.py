@@ -139,7 +139,7 @@ class Person:
     def learned_share(self, solution: Solution) -> float:
         """How much of the appearance at a solution was learned in turns: the mean over the landmarks that face the
         camera."""
-        return self.adaptation.mean_share(solution.pose.angles, solution.facing)
+        return self.adaptation.mean_share(self.adaptation.share(solution.pose.angles), solution.facing)
 
     def layer(self, solution: Solution, view: Array) -> float:
         """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests
@@ -173,7 +173,7 @@ class Person:
         _learn_distances(self.expected, solution.d2, solution.facing, solution.w, s.expectation_rate, limits)
 
     def _learn_covariance(self, solution: Solution) -> None:
-        """Follow what changes the look of a face that hardly moves, as light does, near enough to the front."""
+        """Follow what changes the look of a face at rest, as light does, near enough to the front."""
         if self.face.fine.at(solution.pose.angles) is self.face.fine:
             worth = self.shape.worth(solution.pose.animation - self.rest)
             self.covariance.learn(solution.at.residual, solution.facing & (solution.w > TRUSTED), worth)
@@ -233,13 +233,14 @@ class Person:
 
     def _learn_shape(self, solution: Solution) -> bool:
         pose = solution.pose
-        if self.learned_share(solution) > _MOST_LEARNED:
+        share = self.adaptation.share(pose.angles)
+        if self.adaptation.mean_share(share, solution.facing) > _MOST_LEARNED:
             return False
         novelty = self.shape.novelty(pose.angles, pose.animation - self.rest)
         if novelty == 0:
             return False
         regularizer = novelty * _STEP_INFORMATION
-        weight = novelty * solution.w * (1 - self.adaptation.share(pose.angles))
+        weight = novelty * solution.w * (1 - share)
         at = solution.at
         Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, regularizer)
         changed = self.shape.add(self.neutral, Lambda, gradient, novelty)

@@ -216,9 +216,12 @@ class RealtimeTracker:
         self.velocity, self.closing = np.zeros(12), None
         self.person.covers.forget()
         outside = self.camera.in_image(self.person.in_camera(solution.pose), frame.width, frame.height).mean() < 0.5
-        reason = "nothing here looks like the face of the first frame"
-        if outside or is_blank(view.image):
-            reason = "the face left the image" if outside else "the image is blank where the face was"
+        if outside:
+            reason = "the face left the image"
+        elif is_blank(view.image):
+            reason = "the image is blank where the face was"
+        else:
+            reason = "nothing here looks like the face of the first frame"
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
     def mesh(self, estimate: Estimate) -> Array | None:
