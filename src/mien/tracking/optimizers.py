@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import minimize
 
 from mien.arrays import Array
 
@@ -39,6 +38,8 @@ class Simplex:
 
     def minimize(self, problem: Energy, start: Array) -> Minimum:
         """The lowest point found within the evaluations that are allowed."""
+        from scipy.optimize import minimize  # a twentieth of a start, and not for `realtime`
+
         points = start + self.sd * self.rng.standard_normal((len(start) + 1, len(start)))
         points[0] = start
         # In units of `sd` the coordinates are comparable, which the simplex needs.

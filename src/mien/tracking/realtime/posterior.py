@@ -63,7 +63,8 @@ class PosePosterior(NamedTuple):
 
 @dataclass(frozen=True)
 class LevenbergMarquardt:
-    """Gauss-Newton with damping, by the analytic derivatives of an energy that has them.
+    """Gauss-Newton with damping, by the analytic derivatives of an energy that has them; to be exchanged with
+    `optimizers.Simplex`, which minimises the same energy without them.
 
     tolerance: least gain of an iteration, in units of the energy.
     """
