@@ -98,7 +98,15 @@ def test_a_calibration_with_distortion_is_refused(distortion: Any, tmp_path: Pat
 
 @pytest.mark.parametrize(
     "text",
-    ["{", "[]", "{}", '{"focal_px": 1, "cx": 1}', '{"focal_px": "x", "cx": 1, "cy": 1}', '{"camera_matrix": [1, 2]}'],
+    [
+        "{",
+        "[]",
+        "{}",
+        '{"focal_px": 1, "cx": 1}',
+        '{"focal_px": "x", "cx": 1, "cy": 1}',
+        f'{{"focal_px": 1{"0" * 400}, "cx": 1, "cy": 1}}',  # beyond any float
+        '{"camera_matrix": [1, 2]}',
+    ],
 )
 def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text(text)

@@ -172,7 +172,7 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         raise MienError(f"{path}: {error}") from error
     except OSError as error:
         raise MienError(f"{path} cannot be read ({error.strerror}); check the name") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise MienError(
             f'{path} needs {{"focal_px": .., "cx": .., "cy": ..}} in pixels, or a "camera_matrix" ({error})'
         ) from error
