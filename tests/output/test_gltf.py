@@ -242,7 +242,15 @@ def test_a_track_without_a_mesh_is_refused(tmp_path: Path) -> None:
     whole = Track.from_estimates([estimate(0)], FACE)
     with pytest.raises(MienError, match=r"head\.glb: no row of the track has pose_Rx, .* track the video again"):
         Track(whole.table.drop_columns(["pose_Rx"]), FACE).save_gltf(tmp_path / "head.glb")
-    for damaged in ({"camera": {}}, {"video": "b.mp4"}):
+    numbers, size = {"focal_px": 500, "cx": 1, "cy": 1}, {"width": 320, "height": 240}
+    for damaged in (
+        {"camera": {}},
+        {"camera": numbers | {"focal_px": 0}},
+        {"camera": numbers | {"cx": float("nan")}},
+        {"video": "b.mp4"},
+        {"video": size | {"width": float("inf")}},
+        {"video": size | {"height": 0}},
+    ):
         with pytest.raises(MienError, match=r"head\.glb: the `camera` or the `video` of the track is not as mien"):
             Track(whole.table, FACE | damaged).save_gltf(tmp_path / "head.glb")
     with pytest.raises(MienError, match=r"head\.gltf: mien writes \.glb"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from csv import QUOTE_NONNUMERIC
@@ -257,9 +258,13 @@ def test_every_rotation_is_turned_alike(track: Track) -> None:
     assert turned.table["pose_Rx"].null_count == track.table["pose_Rx"].null_count > 0
 
 
+STILL = {name: {"moved": [], "by": []} for name in TRACKED_UNITS}
+"""The `units` of a mesh that no unit moves."""
+
+
 def test_the_mesh_of_a_row_by_hand() -> None:
     """A vertex that looks into the camera from 40 mm before the head's middle, which a unit moves up."""
-    units = {name: {"moved": [], "by": []} for name in TRACKED_UNITS} | {"jaw_drop": {"moved": [1], "by": [[0, 10, 0]]}}
+    units = STILL | {"jaw_drop": {"moved": [1], "by": [[0, 10, 0]]}}
     frontal = replace(estimate(0), rotation=FACING, closing=None)  # the animation is 0, 0.1, 0.2 ..
     rest = {"vertices": [[10.0, 20.0, 30.0], [0.0, 0.0, 40.0]], "units": units}
     track = Track.from_estimates([frontal, lost(1)], {"mesh": rest})
@@ -270,10 +275,22 @@ def test_the_mesh_of_a_row_by_hand() -> None:
     assert Track.from_estimates([frontal]).mesh(0) is None
 
 
-@pytest.mark.parametrize("mesh", [{}, [], "none", {"vertices": [[0, 0, 0]], "units": {"jaw_drop": 1}}])
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        {},
+        [],
+        "none",
+        {"vertices": [[0, 0, 0]], "units": {"jaw_drop": 1}},
+        {"vertices": [[0, 0, math.nan]], "units": STILL},
+        {"vertices": [[0, 0, 10**400]], "units": STILL},
+        {"vertices": [[0, 0, 0]], "units": STILL | {"jaw_drop": {"moved": [math.inf], "by": [[0, 1, 0]]}}},
+    ],
+)
 def test_a_mesh_that_is_damaged_is_told(mesh: Any) -> None:
+    table = Track.from_estimates([estimate(0)]).table
     with pytest.raises(MienError, match=r"`mesh` of the track is not as mien has written it; track the video again"):
-        _ = Track.from_estimates([estimate(0)], {"mesh": mesh}).rest
+        _ = Track(table, {"mesh": mesh}).rest
 
 
 def test_landmarks_in_space_move_along_their_rays(track: Track) -> None:

@@ -25,6 +25,7 @@ from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS, Candide, with_eyes_closed
 from mien.errors import MienError, require, warn
 from mien.files import whole_file
+from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.tracking.state import EYES_CLOSED
 
@@ -173,19 +174,21 @@ def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """The camera of the video, at the origin, which looks along -z; with a warning if it does not look through the
     middle of the picture, as glTF's do."""
     try:
-        focal_px, cx, cy = (float(metadata["camera"][name]) for name in ("focal_px", "cx", "cy"))
+        camera = Camera(*(float(metadata["camera"][name]) for name in ("focal_px", "cx", "cy")))
         width, height = (int(metadata["video"][name]) for name in ("width", "height"))
-    except (LookupError, TypeError, ValueError) as error:
+        require(min(width, height) > 0, f"{width}x{height} is no size")
+    except (LookupError, TypeError, ValueError, OverflowError) as error:
         raise MienError(
             f"{path}: the `camera` or the `video` of the track is not as mien has written it; track the video again"
         ) from error
-    right, down = cx - 0.5 * (width - 1), cy - 0.5 * (height - 1)
+    middle = Camera.centred(camera.focal_px, width, height)
+    right, down = camera.cx - middle.cx, camera.cy - middle.cy
     if max(abs(right), abs(down)) > 1:
         warn(
             f"{path}: the camera looks through a point {right:+.1f} pixels right and {down:+.1f} down of the middle of "
             "the picture, which glTF cannot say; the head is seen as far from its place"
         )
-    fov = 2 * math.atan(0.5 * height / focal_px)
+    fov = 2 * math.atan(0.5 * height / camera.focal_px)
     return {"type": "perspective", "perspective": {"yfov": fov, "aspectRatio": width / height, "znear": _NEAREST}}
 
 

@@ -178,7 +178,8 @@ class Track:
             for name, displacements in zip(TRACKED_UNITS, units, strict=True):
                 unit = mesh["units"][name]
                 displacements[np.array(unit["moved"], int)] = np.reshape(unit["by"], (-1, 3))
-        except (LookupError, TypeError, ValueError) as error:
+            require(bool(np.isfinite(vertices).all() and np.isfinite(units).all()), "a number is not finite")
+        except (LookupError, TypeError, ValueError, OverflowError) as error:
             raise MienError("the `mesh` of the track is not as mien has written it; track the video again") from error
         return _fixed(vertices), _fixed(units)
 
