@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
@@ -9,6 +11,7 @@ from scipy.interpolate import LinearNDInterpolator
 from mien.appearance.rendering import depth_buffer
 from mien.appearance.surface import Surface, _interpolate, face_surface, on_surface
 from mien.arrays import Array
+from mien.errors import MienError
 from mien.geometry.camera import Camera, line_of_sight
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmarks import Landmarks, rows_of_scheme
@@ -72,6 +75,18 @@ def test_landmarks_with_depths_lie_where_the_fitted_model_is() -> None:
     difference = (surface.vertices[rows].mean(axis=1) - fitted) @ sight
     assert abs(np.median(difference)) < 1e-9
     assert np.abs(difference).max() < 0.2
+
+
+def test_depths_that_put_a_part_of_the_face_behind_the_camera_are_refused() -> None:
+    """As those of a source that counts them towards the camera, of a face near to one that sees 90 degrees."""
+    near, given = replace(face().camera, focal_px=160.0), face().landmarks
+    assert given.depths is not None
+    turned = replace(given, depths=-4 * given.depths, source="face.json")
+    turned.check(320, 240)  # they are in pixels
+    fit = fit_first_frame(turned, near)
+    assert fit.t[2] > 1
+    with pytest.raises(MienError, match=r"face\.json: by its depths a part of the face lies behind the camera"):
+        face_surface(turned, fit, near)
 
 
 def test_without_depths_the_surface_is_candide() -> None:

@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, Delaunay
 
 from mien.arrays import Array
 from mien.candide.model import MOUTH_TRIANGLES
+from mien.errors import require
 from mien.geometry.camera import Camera, at_distances, line_of_sight
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import Landmarks
@@ -36,7 +37,8 @@ class Surface:
 
 
 def face_surface(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Surface:
-    """The surface of the face in the first frame, camera axes."""
+    """The surface of the face in the first frame, camera axes. Raises MienError for depths by which a part of it would
+    be behind the camera."""
     if landmarks.depths is None:
         vertices = fit.in_camera()
         triangles = np.vstack([fit.model.triangles, MOUTH_TRIANGLES])
@@ -82,7 +84,13 @@ def _from_depths(landmarks: Landmarks, fit: FirstFrame, camera: Camera) -> Array
     sight = line_of_sight(landmarks.points, camera)
     fitted = fit.in_camera()[known] @ sight
     distances = np.median(fitted - depths * unit) + landmarks.depths[:_MESH_POINTS] * unit
-    return at_distances(landmarks.points[:_MESH_POINTS], distances, sight, camera)
+    vertices = at_distances(landmarks.points[:_MESH_POINTS], distances, sight, camera)
+    require(
+        bool(camera.project(vertices)[1].all()),
+        f"{landmarks.source}: by its depths a part of the face lies behind the camera; give depths in pixels of the "
+        "image that increase away from the camera, or none",
+    )
+    return vertices
 
 
 def _with_skirt(vertices: Array, triangles: NDArray[np.intp], camera: Camera) -> Surface:
