@@ -93,16 +93,16 @@ def test_the_surroundings_of_the_face_that_is_tracked() -> None:
     truth, tracker = small_motion(), RealtimeTracker()
     run(tracker, truth)
     last = truth.frames[-1]
-    assert tracker._surroundings(last) > 0.8
+    assert tracker._surroundings() > 0.8
     tracker.identity.scene.remember(Frame(np.rot90(last.pixels, 2), last.index))
-    assert tracker._surroundings(last) < 0.8
+    assert tracker._surroundings() < 0.8
 
 
 def test_a_cut_after_the_first_frame_is_another_scene() -> None:
     truth = small_motion()
     tracker = begun(truth.frames[0])
     tracker.identity.scene.remember(Frame(np.rot90(truth.frames[1].pixels, 2), 1))
-    assert tracker._surroundings(truth.frames[1]) < 0.8
+    assert tracker._surroundings() < 0.8
 
 
 def test_frames_of_another_size_are_another_scene() -> None:

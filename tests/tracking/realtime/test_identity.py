@@ -91,7 +91,7 @@ def test_a_known_face_is_known_again_after_a_single_frame_of_something_else(
     before = tracker.identity.probability
     with monkeypatch.context() as doubt:
         doubt.setattr("mien.tracking.realtime.identity._is_same", lambda *of: False)
-        doubt.setattr(tracker, "_surroundings", lambda frame: surroundings)
+        doubt.setattr(tracker, "_surroundings", lambda: surroundings)
         tracker.track(first)
     doubted = tracker.identity.probability
     tracker.track(first)

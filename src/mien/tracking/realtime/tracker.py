@@ -187,7 +187,7 @@ class RealtimeTracker:
             if not self.solver.misfits(solution):
                 self._learn(frame, solution)
             self.person.follow_quality(solution)
-        self.identity.update(familiar, agreements, lambda: self._surroundings(frame))
+        self.identity.update(familiar, agreements, self._surroundings)
         if status is Status.TRACKED and self.identity.is_steady:
             self.person.learn_view(solution, self.identity.patches.agreement)
         return self._estimate(frame, status, solution, familiar)
@@ -205,8 +205,9 @@ class RealtimeTracker:
         cosine = float(self.pose.seen_from @ self.axes.first.seen_from)
         return familiarity(solution.best_d2, math.acos(min(max(cosine, -1.0), 1.0)))
 
-    def _surroundings(self, frame: Frame) -> float:
-        """Correlation of the surroundings of the face with those of `LOOK_BACK` frames ago."""
+    def _surroundings(self) -> float:
+        """Correlation of the surroundings of the face in the frame remembered last with those of `LOOK_BACK` frames
+        before."""
         radius = _FACE_RADIUS * self.camera.focal_px / float(self.pose.t[2])
         return self.identity.scene.correlation(self.camera.project(self.pose.t)[0], radius)
 
