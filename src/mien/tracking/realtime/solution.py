@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,17 @@ from mien.tracking.realtime.level import Level, Noise
 from mien.tracking.realtime.pose_geometry import PoseArrays, ViewArrays
 
 _LEAST_LANDMARKS = 6
+
+
+class _Sight(NamedTuple):
+    """What `pose_geometry.sight_of` returns, and the properties of `Pose` say."""
+
+    ray: Array
+    angles: Array
+    roll: float
+    distance: float
+    line_of_sight: Array
+    seen_from: Array
 
 
 @dataclass(frozen=True)
@@ -42,40 +53,39 @@ class Pose:
         return np.ascontiguousarray(self.R), self.t, self.animation
 
     @cached_property
-    def _sight(self) -> tuple[Array, Array, float, float, Array, Array]:
-        """Rotation to the middle of the face, tilt and pan, roll, distance, line of sight in camera and head axes."""
-        sight: tuple[Array, Array, float, float, Array, Array] = pose_geometry.sight_of(CENTRE, self.arrays[0], self.t)
-        return sight
+    def _sight(self) -> _Sight:
+        """How the head is seen, along the ray to the middle of the face."""
+        return _Sight(*pose_geometry.sight_of(CENTRE, self.arrays[0], self.t))
 
     @property
     def line_of_sight(self) -> Array:
         """(3,) unit vector to the origin of the head's axes, camera axes."""
-        return self._sight[4]
+        return self._sight.line_of_sight
 
     @property
     def seen_from(self) -> Array:
         """(3,) the same in head axes: from where the head is seen."""
-        return self._sight[5]
+        return self._sight.seen_from
 
     @property
     def ray(self) -> Array:
         """(3, 3) rotation from the optical axis to the middle of the face."""
-        return self._sight[0]
+        return self._sight.ray
 
     @property
     def angles(self) -> Array:
         """(2,) tilt and pan in radians of the face as seen along that ray; see `pose_geometry.view_angles`."""
-        return self._sight[1]
+        return self._sight.angles
 
     @property
     def roll(self) -> float:
         """Roll in radians of the face as seen along that ray."""
-        return self._sight[2]
+        return self._sight.roll
 
     @property
     def distance(self) -> float:
         """Distance along that ray of the origin of the head's axes, CANDIDE units."""
-        return self._sight[3]
+        return self._sight.distance
 
     def step_to(self, other: Pose) -> Array:
         """The step (12,) that leads to another pose, less than half a turn away."""
@@ -150,6 +160,21 @@ def largest_of_best(values: Any, part: int = 2) -> float:
     return float(ordered[values.size // part]) if values.size else np.inf
 
 
+class _Judgement(NamedTuple):
+    """What `_judge` returns: misfits (n,), squared distances without noise over the expected ones, and what the
+    properties of `Solution` say."""
+
+    d2_without_noise: Array
+    seen: Mask
+    misfits: Array
+    seen_share: float
+    seen_d2: float
+    misfit: float
+    best_misfit: float
+    inlier_share: float
+    best_d2: float
+
+
 @dataclass(frozen=True)
 class Solution:
     """The lowest point of Eq. (9) that a solve found, and what was observed there.
@@ -182,59 +207,56 @@ class Solution:
         return inverse_definite(self.at.H)
 
     @cached_property
-    def _judged(self) -> tuple[Array, Mask, Array, tuple[float, ...]]:
-        """What follows from the squared distances: see `_judge`."""
+    def _judged(self) -> _Judgement:
+        """What follows from the squared distances."""
         noise, n = self.noise, len(LANDMARK_NAMES)
-        judged: tuple[Array, Mask, Array, tuple[float, ...]] = _judge(
-            self.at.d2, noise.d2, noise.contrast, self.facing, self.expected, self.most, n
-        )
-        return judged
+        return _Judgement(*_judge(self.at.d2, noise.d2, noise.contrast, self.facing, self.expected, self.most, n))
 
     @property
     def d2_without_noise(self) -> Array:
         """The squared distances (n,) as they would be without noise, see `Noise`."""
-        return self._judged[0]
+        return self._judged.d2_without_noise
 
     @property
     def seen(self) -> Mask:
         """Which landmarks (n,) face the camera and are, without noise, at most `most` away."""
-        return self._judged[1]
+        return self._judged.seen
 
     @property
     def seen_share(self) -> float:
         """Share of these of all landmarks."""
-        return self._judged[3][0]
+        return self._judged.seen_share
 
     @property
     def seen_d2(self) -> float:
         """Their median squared distance; 0 without any."""
-        return self._judged[3][1]
+        return self._judged.seen_d2
 
     @property
     def misfit(self) -> float:
         """Median, over the landmarks that face the camera, of squared distance over expected one; infinite without
         any."""
-        return self._judged[3][2]
+        return self._judged.misfit
 
     @property
     def best_misfit(self) -> float:
         """The same for the best quarter of them, which may be all that something leaves of a face."""
-        return self._judged[3][3]
+        return self._judged.best_misfit
 
     @property
     def inlier_share(self) -> float:
         """Share of the landmarks that face the camera, without the anchors, whose squared distance is at most `most`; 0
         if they are too few to locate a face. Anchors are plain skin, which looks like much else."""
-        return self._judged[3][4]
+        return self._judged.inlier_share
 
     @property
     def best_d2(self) -> float:
         """Largest squared distance of the best quarter of the same landmarks; infinite without any."""
-        return self._judged[3][5]
+        return self._judged.best_d2
 
     def misfit_of(self, which: Mask) -> float:
         """`misfit` of the landmarks `which` (n,)."""
-        misfit: float = largest_of_best(self._judged[2][which])
+        misfit: float = largest_of_best(self._judged.misfits[which])
         return misfit
 
 
@@ -243,9 +265,7 @@ def _judge(d2: Any, noise: Any, contrast: float, facing: Any, expected: Any, mos
     """What squared distances d2 (n,) say of a face.
 
     noise (n,), contrast: see `Noise`; facing (n,), expected (n,), most: of a `Solution`; telling: how many landmarks,
-    the first ones, tell a face from other things. Returns d2 without noise (n,), which landmarks are seen (n,), d2 over
-    the expected ones (n,), and the numbers that `Solution` names: `seen_share`, `seen_d2`, `misfit`, `best_misfit`,
-    `inlier_share`, `best_d2`.
+    the first ones, tell a face from other things. Returns the entries of a `_Judgement`.
     """
     n = d2.size
     clean, seen, misfits = np.empty(n), np.empty(n, np.bool_), np.empty(n)
@@ -268,4 +288,4 @@ def _judge(d2: Any, noise: Any, contrast: float, facing: Any, expected: Any, mos
     misfit, best_misfit = (ratios[shown // 2], ratios[shown // 4]) if shown else (np.inf, np.inf)
     inlier_share = inliers / told if inliers >= _LEAST_LANDMARKS else 0.0
     seen_d2, best_d2 = of_seen[count // 2] if count else 0.0, of_telling[told // 4] if told else np.inf
-    return clean, seen, misfits, (count / n, seen_d2, misfit, best_misfit, inlier_share, best_d2)
+    return clean, seen, misfits, count / n, seen_d2, misfit, best_misfit, inlier_share, best_d2
