@@ -117,7 +117,8 @@ class RealtimeTracker:
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
-        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, *self._quality(frame))
+        sharp, rounding = self._quality(frame)
+        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, sharp, rounding)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
@@ -259,14 +260,11 @@ class RealtimeTracker:
         view = self.solver.view(self.face.fine, frame, predicted.pose)
         moved = predicted if self.lost_frames else self._predict_from_motion(view, predicted)
         view, best = self.solver.refine(frame, moved, view=view)
-        share = best.inlier_share
-        if self.solver.misfits(best) and (moved is predicted or share < s.solver.retry_share):
-            if moved is not predicted:
-                view, best = self.solver.refine(frame, predicted)
-            for start in (predicted.pose, self.pose):
-                again, fine = self.solver.refine(frame, predicted, self.solver.coarse(frame, predicted, start))
-                if fine.energy < best.energy:
-                    view, best = again, fine
+        if self.solver.misfits(best) and (moved is predicted or best.inlier_share < s.solver.retry_share):
+            near = (view, best) if moved is predicted else self.solver.refine(frame, predicted)
+            starts = [self.solver.coarse(frame, predicted, start) for start in (predicted.pose, self.pose)]
+            others = [self.solver.refine(frame, predicted, start) for start in starts]
+            view, best = min([near, *others], key=lambda found: found[1].energy)
             moved = predicted
         self.closing = self.person.closing(best, self.closing)
         if self._eyes_are_shut and not self.lost_frames and not self.solver.misfits(best):
