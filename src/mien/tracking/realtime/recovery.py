@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -79,6 +80,14 @@ class Keyframe:
         return descriptors[seen], (points - self.t) @ self.R
 
 
+class _Placed(NamedTuple):
+    """A pose R (3, 3), t (3,), and the number of points that agree on it."""
+
+    inliers: int
+    R: Array
+    t: Array
+
+
 class Keyframes:
     """Views of one face at different poses, and the search for it in a frame."""
 
@@ -120,9 +129,9 @@ class Keyframes:
         if len(keypoints) < _INLIERS:
             return None
         p = (np.array([k.pt for k in keypoints]) + 0.5) / scale - 0.5 + corner
-        found = [self._place(k, p, descriptors, scale) for k in keyframes]
-        best = max(found, key=lambda f: f[0])
-        return None if best[0] < _INLIERS else (best[1], best[2])
+        found = [placed for k in keyframes if (placed := self._place(k, p, descriptors, scale)) is not None]
+        best = max(found, key=lambda placed: placed.inliers, default=None)
+        return None if best is None or best.inliers < _INLIERS else (best.R, best.t)
 
     def _window(self, frame: Frame, last: Array, scale: float) -> tuple[Pixels, Array]:
         """The grey part of a frame that this search covers, and its corner (2,)."""
@@ -137,16 +146,16 @@ class Keyframes:
         x, y = np.clip(np.rint(corner), 0, np.maximum(size - round(side), 0)).astype(int)
         return frame.gray_part(slice(y, y + round(side)), slice(x, x + round(side))), np.array([x, y])
 
-    def _place(self, keyframe: Keyframe, p: Array, descriptors: Float32, scale: float) -> tuple[int, Array, Array]:
-        """Number of inliers, and pose, from the matches with one keyframe."""
+    def _place(self, keyframe: Keyframe, p: Array, descriptors: Float32, scale: float) -> _Placed | None:
+        """The pose by the matches of keypoints p (k, 2), with their descriptors (k, 128), with one keyframe; None where
+        they give none. scale: at which the keypoints were found."""
         known, points = keyframe.features
         pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(known, descriptors, k=2)
         good = [m for m, *rest in pairs if rest and m.distance < _RATIO * rest[0].distance]
-        nothing = (0, np.eye(3), np.zeros(3))
         if len(good) < _INLIERS:
-            return nothing
+            return None
         X = points[[m.queryIdx for m in good]]
-        return _pnp(X, p[[m.trainIdx for m in good]], self.camera, _REPROJECTION_PX / scale) or nothing
+        return _pnp(X, p[[m.trainIdx for m in good]], self.camera, _REPROJECTION_PX / scale)
 
 
 def turned_aside(pose: Pose, R_first: Array) -> Iterator[Pose]:
@@ -173,11 +182,12 @@ def find_by_detector(
         points = (points - of_upright) @ turn.T + centre
         placed = _pnp(fit.vertices()[vertices], points, camera, _TOLERANCE * place_of(points)[1])
         if placed is not None:
-            yield placed[1:]
+            yield placed.R, placed.t
 
 
-def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> tuple[int, Array, Array] | None:
-    """Inliers, R and t of points X (n, 3) in head axes seen at p (n, 2)."""
+def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> _Placed | None:
+    """The pose of points X (n, 3) in head axes seen at p (n, 2), up to a distance of `tolerance_px` for inliers; None
+    where they have none."""
     cv2.setRNGSeed(0)
     try:
         ok, r, t, inliers = cv2.solvePnPRansac(
@@ -188,7 +198,7 @@ def _pnp(X: Array, p: Array, camera: Camera, tolerance_px: float) -> tuple[int, 
         return None
     if not ok or inliers is None or t[2, 0] <= 0:
         return None
-    return len(inliers), exp(r[:, 0]), t[:, 0]
+    return _Placed(len(inliers), exp(r[:, 0]), t[:, 0])
 
 
 class Recovery:
