@@ -183,7 +183,9 @@ class HoldSettings(Settings):
     )
     rotation_deg: float = Field(4.0, gt=0, description="standard deviation of head motion per frame: degrees")
     translation: float = Field(0.1, gt=0, description="standard deviation of head motion: CANDIDE units")
-    animation: float = Field(0.2, gt=0, description="standard deviation of facial motion: animation units")
+    animation: float = Field(
+        0.2, gt=0, description="standard deviation of facial motion: animation units except jaw_drop, as in `prior`"
+    )
 
 
 class MouthSettings(Settings):

@@ -84,7 +84,7 @@ class Person:
         before: Person | None = None,
     ) -> None:
         """Learn the face of the first frame. before: the person as an earlier pass over the same frames knew it, whose
-        shape and first appearance are kept."""
+        shape and first appearance, and whether it seemed to wear spectacles, are kept."""
         s, n, vertices = settings, len(TRACKED), list(TRACKED.values())
         self.settings, self.rest = s, fit.animation
         self.face: LearnedFace = before.face if before else learn_face(frame, landmarks, fit, camera, vertices, s)

@@ -223,7 +223,7 @@ class Recovery:
         """The face at another place, if at the one that was found little of it matches, or its identity is doubted: as
         a head that has turned aside, or where the detector or the keyframes propose. None if it is nowhere else.
 
-        last: where it was seen last; lost_frames: how many frames ago that was."""
+        last: where it was seen last; lost_frames: for how many frames before this one it has been lost."""
         s, share = self.settings, here.inlier_share
         lost, strange = share < s.least_share, share < s.recovered_share and self.solver.misfits(here)
         than = None if lost else here
