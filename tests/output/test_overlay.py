@@ -167,3 +167,12 @@ def test_png_there_and_back(tmp_path: Path) -> None:
     back = cv2.cvtColor(cv2.imread(str(tmp_path / "picture.png")), cv2.COLOR_BGR2RGB)
     np.testing.assert_array_equal(back, pixels)
     assert [p.name for p in tmp_path.iterdir()] == ["picture.png"]
+
+
+def test_the_captions_of_several_faces_stand_above_each_other() -> None:
+    frame = Frame(np.full((480, 640, 3), 128, np.uint8))
+    rows = []
+    for faces in (1, 2, 3):
+        lost = [FaceOverlay(Estimate.lost(frame, "nowhere"), name="0")] * faces
+        rows.append(int((draw(frame, lost, CAMERA) != 128).any(axis=(1, 2)).sum()))
+    assert rows == [rows[0], 2 * rows[0], 3 * rows[0]]

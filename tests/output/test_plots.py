@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,8 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from mien.output.plots import LOST_COLOUR, plot_track
+from mien.output.plots import LOST_COLOUR, _plot_series, _shade, plot_track
 
 
 def _track(
@@ -67,3 +69,19 @@ def test_lost_frames_are_shaded_in_proportion(tmp_path: Path) -> None:
     none, half, every = (_shaded(tmp_path / f"{name}.png") for name in ("none", "half", "all"))
     assert none < 0.01
     assert half / every == pytest.approx(0.5, abs=0.08)
+
+
+def test_the_band_holds_nine_tenths_of_a_normal_distribution() -> None:
+    axis = Figure().subplots()
+    _plot_series(axis, np.arange(3.0), np.full((3, 1), 10.0), np.full((3, 1), 2.0), ["yaw"])
+    band = axis.collections[0].get_paths()[0].vertices[:, 1] - 10
+    assert math.erf(band.max() / 2 / math.sqrt(2)) == pytest.approx(0.9, abs=1e-4)
+    assert band.min() == pytest.approx(-band.max())
+
+
+def test_lost_frames_are_shaded_up_to_halfway_to_those_beside_them() -> None:
+    axis = Figure().subplots()
+    axis.set_xlim(0, 10)
+    _shade(axis, np.array([0.0, 1.0, 3.0, 4.0, 8.0]), np.array([False, True, True, False, True]))
+    extents = [patch.get_extents().transformed(axis.transData.inverted()) for patch in axis.patches]
+    np.testing.assert_allclose([(of.x0, of.x1) for of in extents], [(0.5, 3.5), (6, 8)])
