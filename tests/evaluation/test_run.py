@@ -16,7 +16,7 @@ from evaluation.tiny import FRAMES, Known, Still, angles_deg, face68, head_rotat
 from mien.errors import MienError, MienWarning
 from mien.evaluation import worst
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.datasets.sequence import Sequence
+from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.protocols import Protocol
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
 from mien.evaluation.run import _warn_of_signs, count_frames, run_sequence, time_sequence
@@ -135,6 +135,13 @@ def test_landmark_scores(sequence: Sequence) -> None:
     assert score.eye_distance_px == pytest.approx(float(np.linalg.norm(face68()[36] - face68()[45])))
     assert score.expression_moves is False
     np.testing.assert_array_equal(score.false_movement, [*np.zeros(6), np.nan])  # Still tells nothing of eyes
+
+
+def test_truth_without_a_known_frame_has_no_figures(sequence: Sequence) -> None:
+    unknown = Truth(FRAMES, landmarks=np.full((FRAMES, 68, 2), np.nan))
+    result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: unknown), FIRST)
+    score = Score(result, Protocol.REBASED, 30.0)
+    assert "for any frame" in score.failure
 
 
 def test_scores_of_the_pose(sequence: Sequence) -> None:

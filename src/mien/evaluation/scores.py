@@ -34,6 +34,8 @@ class Score:
         """Why this sequence has no metrics; "" if it has."""
         if self.result.failure or self.result.track is None:
             return self.result.failure or "not run yet"
+        if self.result.truth is not None and not self.result.truth.known.any():
+            return "the truth gives neither a pose nor a landmark for any frame"
         try:
             _ = self.comparison
         except MienError as e:
