@@ -100,6 +100,19 @@ def test_by_name(tmp_path: Path) -> None:
         create_tracker("openface:/no/such.csv")
 
 
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [((1, 2, 2, 3), "two rows for one frame"), ((1, 1.04, 1.08), r"frame 1\.04 is no whole number")],
+)
+def test_frames_that_are_not_counted_once_each_are_refused(
+    frames: tuple[float, ...], message: str, tmp_path: Path
+) -> None:
+    rows = "".join(f"{frame},0,0,0\n" for frame in frames)
+    (tmp_path / "own.csv").write_text(f"frame,pose_Rx,pose_Ry,pose_Rz\n{rows}")
+    with pytest.raises(MienError, match=message):
+        OpenFaceTracker(str(tmp_path / "own.csv"))
+
+
 @pytest.mark.parametrize("rate", [12.5, 25.0, 30.0, np.inf])  # images have no times; some files then have zeros
 def test_rows_of_another_frame_rate_are_warned_of(tmp_path: Path, rate: float) -> None:
     rows = [f"{i + 1},{i / rate},1,0,0,0" for i in range(20)]

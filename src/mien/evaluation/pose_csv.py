@@ -88,6 +88,10 @@ def read_pose_csv(path: Path) -> PoseTable:
     numbered = "frame" in names
     frame = frame if numbered else np.arange(len(rows), dtype=float)
     require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
+    broken = [f"{number:g}" for number in frame if number % 1]
+    require(not broken, f"{path}: the frame {', '.join(broken[:1])} is no whole number; a time is a timestamp")
+    once = len(np.unique(frame)) == len(frame)
+    require(once, f"{path} has two rows for one frame; keep one of them, or the rows of one face")
     angles = _columns(path, rows, ROTATION) if has_pose else None
     points = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     landmarks = _columns(path, rows, points) if count in SCHEME_OF_COUNT else None

@@ -64,7 +64,6 @@ def read_truth(path: Path, frames: int, video: Path | None = None) -> Truth:
         f"{path} describes frames up to {int(table.frame.max())} and its video has {frames}; "
         "check that they belong together",
     )
-    require(len(np.unique(index)) == len(index), f"{path} has two rows for one frame; keep one of them")
     if table.first is None and first == 0:
         warn(
             f"{path} has no row of the frame 0, and is read as if its frames were counted from 0; if they are counted "
