@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -339,6 +340,33 @@ def test_the_first_face_of_several_is_read(tmp_path: Path) -> None:
     with pytest.warns(MienWarning, match=r"two\.csv has several faces, .* face_id 0"):
         table = read_pose_csv(file)
     np.testing.assert_array_equal(table.index, [0, 1])
+
+
+TRUE_R = FACING @ head_rotations(angles_deg())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rotations": TRUE_R[:-1]}, r"must be an array \(6, 3, 3\), but there is one \(5, 3, 3\)"),
+        ({"rotations": TRUE_R.tolist()}, "but there is list"),
+        ({"rotations": 2 * TRUE_R}, "the true rotation of frame 0 is no rotation matrix"),
+        ({"rotations": TRUE_R * [1, 1, -1]}, "is no rotation matrix"),
+        ({"angles_deg": np.zeros((FRAMES, 4))}, "the angles_deg of the truth"),
+        ({"landmarks": np.zeros((FRAMES, 49, 2))}, "the landmarks of the truth"),
+        ({"landmarks": np.zeros((FRAMES, 68, 2)), "landmark_scheme": "own"}, "unknown scheme, 'own'"),
+        ({"expression": np.zeros((FRAMES, 2)), "expression_names": ("jawOpen",)}, "the expression of the truth"),
+    ],
+)
+def test_truth_of_a_reader_of_ones_own_that_is_not_as_it_must_be(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(MienError, match=message):
+        Truth(FRAMES, **given)
+
+
+def test_true_rotations_may_have_few_digits_and_gaps() -> None:
+    rounded = np.round(TRUE_R, 2)
+    rounded[1] = np.nan
+    assert Truth(FRAMES, rotations=rounded).known.sum() == FRAMES - 1
 
 
 # Names

@@ -144,6 +144,19 @@ def test_truth_without_a_known_frame_has_no_figures(sequence: Sequence) -> None:
     assert "for any frame" in score.failure
 
 
+def test_truth_without_the_corners_of_the_eyes_is_not_normalised(sequence: Sequence) -> None:
+    points = np.tile(face68(), (FRAMES, 1, 1))
+    points[:, 36] = np.nan
+    partial = replace(sequence, read_truth=lambda frames: Truth(frames, landmarks=points))
+    assert np.isnan(Score(run_sequence(Still(), partial, FIRST), Protocol.REBASED, 30.0).eye_distance_px)
+
+
+def test_truth_of_another_length_is_refused(sequence: Sequence) -> None:
+    longer = replace(sequence, read_truth=lambda frames: tiny.truth(angles_deg(frames + 1)))
+    with pytest.raises(MienError, match="describes 7 frames and its video has 6"):
+        run_sequence(Still(), longer, FIRST)
+
+
 def test_scores_of_the_pose(sequence: Sequence) -> None:
     score = Score(run_sequence(_perfect(), sequence, FIRST), Protocol.SENSOR, 30.0)
     np.testing.assert_allclose(score.mean_errors, 0, atol=1e-9)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from mien.arrays import Array
-from mien.initialization.landmarks import rows_by_name, rows_reported
+from mien.initialization.landmarks import SCHEMES, count_of_scheme, rows_by_name, rows_reported
 
 POINT_NAMES = (
     "right_eye_outer_corner",
@@ -38,6 +38,13 @@ POINT_NAMES = (
 
 TWELVE = "points12"
 """Scheme of an annotation with exactly these twelve points."""
+
+
+def count_of_points(scheme: str) -> int | None:
+    """Number of points of a landmark scheme; None if there is no such scheme."""
+    if scheme == TWELVE:
+        return len(POINT_NAMES)
+    return count_of_scheme(scheme) if scheme in SCHEMES else None
 
 
 def points_of_names(points: Array, names: tuple[str, ...]) -> Array | None:

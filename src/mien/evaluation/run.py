@@ -15,7 +15,7 @@ import numpy as np
 
 from mien.arrays import Array, Pixels
 from mien.errors import require, warn
-from mien.evaluation.datasets.sequence import Sequence, Truth
+from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
 from mien.evaluation.metrics import correlation
 from mien.evaluation.protocols import angles_deg
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
@@ -51,7 +51,9 @@ def run_sequence(
 
     Raises MienError if truth and video do not match, and whatever the tracker raises.
     """
-    truth = sequence.read_truth(count_frames(sequence.video))
+    frames = count_frames(sequence.video)
+    truth = sequence.read_truth(frames)
+    require_frames(truth.frames, frames, sequence.truth_files[0])
     estimates: list[Estimate] = []
     meshes: list[Array | None] = []
     for frame, estimate in _estimates(tracker, sequence, landmarks):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -105,11 +106,11 @@ class Score:
 
     @property
     def eye_distance_px(self) -> float:
-        """Distance between the outer corners of the eyes in the first annotated frame, so that it does not change as
-        the head turns."""
+        """Distance between the outer corners of the eyes in the first frame that has both, so that it does not change
+        as the head turns; NaN if none has."""
         assert self.points is not None
         distance = outer_eye_distance(self.points[1])
-        return float(distance[np.isfinite(distance)][0])
+        return next((float(d) for d in distance if np.isfinite(d)), math.nan)
 
     @property
     def expression_moves(self) -> bool | None:

@@ -101,6 +101,11 @@ SAME_PLACE, _SAME_SIZE = 0.5, 1.6
 """Two faces are the same below this distance of their centres, in sizes of the face, and this ratio of their sizes."""
 
 
+def count_of_scheme(scheme: str) -> int:
+    """Number of points of a scheme."""
+    return _SCHEMES[scheme][0]
+
+
 def rows_of_scheme(scheme: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Vertices of CANDIDE (m,), and for each the two annotation points (m, 2) whose midpoint it is, usually twice the
     same point."""
@@ -172,7 +177,7 @@ class Landmarks:
                 except (TypeError, ValueError) as error:
                     raise MienError(f"{self.source}: the {name} are not numbers ({error})") from error
         require(self.scheme in SCHEMES, f"{self.source}: unknown scheme {self.scheme!r}; use one of {SCHEMES}")
-        count = _SCHEMES[self.scheme][0]
+        count = count_of_scheme(self.scheme)
         require(
             np.shape(self.points) == (count, 2),
             f"{self.source}: {self.scheme} needs {count} points with two coordinates, not {np.shape(self.points)}",

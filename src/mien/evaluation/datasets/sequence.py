@@ -10,8 +10,13 @@ import numpy as np
 
 from mien.arrays import Array, Mask
 from mien.errors import require
+from mien.evaluation.points12 import count_of_points
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import SCHEMES, Landmarks
+
+_ROUNDED = 0.05
+"""By how much the product of a true rotation matrix with its transpose may differ from the identity, as a file has few
+digits."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,7 @@ class Truth:
 
     rotations: (n, 3, 3) head -> camera; angles_deg: (n, 3) tilt, pan, roll as a file has them, with the signs of head
     axes; the protocol decides their order, unless there are rotations; landmarks: (n, k, 2) pixels in the scheme
-    `landmark_scheme`; expression: (n, m) weights of the shapes `expression_names`.
+    `landmark_scheme`; expression: (n, m) weights of the shapes `expression_names`. Raises MienError for anything else.
     """
 
     frames: int
@@ -30,6 +35,22 @@ class Truth:
     landmark_scheme: str = "ibug68"
     expression: Array | None = None
     expression_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n, k = self.frames, count_of_points(self.landmark_scheme)
+        require(k is not None, f"the truth has landmarks in an unknown scheme, {self.landmark_scheme!r}")
+        shapes = {"rotations": (n, 3, 3), "angles_deg": (n, 3), "landmarks": (n, k, 2)}
+        shapes |= {"expression": (n, len(self.expression_names))}
+        for name, shape in shapes.items():
+            values = getattr(self, name)
+            found = f"one {values.shape}" if isinstance(values, np.ndarray) else type(values).__name__
+            fits = values is None or getattr(values, "shape", None) == shape
+            require(fits, f"the {name} of the truth must be an array {shape}, but there is {found}")
+        if self.rotations is not None:
+            frames, R = np.flatnonzero(self.known), self.rotations[self.known]
+            off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0)
+            wrong = frames[(off > _ROUNDED) | (np.linalg.det(R) < 0)]
+            require(not wrong.size, f"the true rotation of frame {wrong[:1].sum()} is no rotation matrix")
 
     @property
     def has_pose(self) -> bool:
