@@ -190,6 +190,16 @@ def test_a_tracker_of_landmarks_alone_is_measured_by_them(sequence: Sequence) ->
     np.testing.assert_allclose(score.frame_rms_px, 0, atol=1e-6)
 
 
+def test_a_tracker_of_poses_alone_has_no_figures_beside_landmarks(sequence: Sequence) -> None:
+    points = Truth(FRAMES, landmarks=np.tile(face68(), (FRAMES, 1, 1)))
+    result = run_sequence(_perfect(), replace(sequence, read_truth=lambda frames: points), FIRST)
+    track = result.track
+    assert track is not None
+    bare = replace(result, track=replace(track, landmarks=np.empty((FRAMES, 0, 2)), landmark_names=()))
+    assert Score(result, Protocol.REBASED, 30.0).failure == ""
+    assert "neither a pose nor the twelve landmarks" in Score(bare, Protocol.REBASED, 30.0).failure
+
+
 class _Breaks(Still):
     """Gives what is no estimate of a frame."""
 

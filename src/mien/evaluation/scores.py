@@ -38,10 +38,11 @@ class Score:
         if self.result.truth is not None and not self.result.truth.known.any():
             return "the truth gives neither a pose nor a landmark for any frame"
         try:
-            _ = self.comparison
+            compared = self.comparison is not None or self.points is not None
         except MienError as e:
             return str(e)
-        return ""
+        compared |= self.result.truth is not None and self.result.truth.expression is not None
+        return "" if compared else "truth and track have neither a pose nor the twelve landmarks in common"
 
     @cached_property
     def comparison(self) -> Comparison | None:
