@@ -26,7 +26,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status
+from mien.tracking.state import Estimate, Status, TrackedLandmarks
 
 FIRST = Landmarks(face68(), "ibug68")
 
@@ -198,6 +198,21 @@ def test_a_tracker_of_poses_alone_has_no_figures_beside_landmarks(sequence: Sequ
     bare = replace(result, track=replace(track, landmarks=np.empty((FRAMES, 0, 2)), landmark_names=()))
     assert Score(result, Protocol.REBASED, 30.0).failure == ""
     assert "neither a pose nor the twelve landmarks" in Score(bare, Protocol.REBASED, 30.0).failure
+
+
+class _Reorders(Still):
+    """Gives its landmarks in another order after the first frame."""
+
+    def track(self, frame: Frame) -> Estimate:
+        known = tiny.estimate(frame)
+        assert known.landmarks is not None
+        names, image = known.landmarks.names, known.landmarks.image
+        return replace(known, landmarks=TrackedLandmarks(names[::-1], image[::-1]))
+
+
+def test_a_tracker_gives_the_same_landmarks_in_every_frame(sequence: Sequence) -> None:
+    with pytest.raises(MienError, match=r"frame 1 has 12 landmarks, .* the same in every frame"):
+        run_sequence(_Reorders(), sequence, FIRST)
 
 
 class _Breaks(Still):

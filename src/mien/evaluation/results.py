@@ -15,7 +15,7 @@ from mien.arrays import Array, Mask, Pixels
 from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
 from mien.files import whole_file
-from mien.tracking.state import EXPRESSION_NAMES, Estimate, Status
+from mien.tracking.state import EXPRESSION_NAMES, Estimate, Status, landmark_names_with
 
 REMEDY = "run mien evaluate again, which replaces it"
 """For a file that is damaged, or from another version."""
@@ -55,8 +55,10 @@ class TrackTable:
 
     @classmethod
     def from_estimates(cls, estimates: Sequence[Estimate]) -> TrackTable:
-        """The arrays of these estimates, one per frame."""
-        names = next((e.landmarks.names for e in estimates if e.landmarks is not None), ())
+        """The arrays of these estimates, one per frame. Raises MienError if their landmarks differ."""
+        names = tuple[str, ...]()
+        for e in estimates:
+            names = landmark_names_with(names, e)
         return cls(
             time=np.array([e.time for e in estimates]),
             status=tuple(e.status.value for e in estimates),

@@ -17,7 +17,7 @@ from mien.arrays import Array
 from mien.errors import require
 from mien.files import named_errors
 from mien.output.columns import sort_columns, table_from_estimates
-from mien.tracking.state import Estimate
+from mien.tracking.state import Estimate, landmark_names_with
 
 BATCH = 256
 """Number of estimates that the recorder buffers in memory before it writes them to its file."""
@@ -55,14 +55,7 @@ class Recorder:
 
     def add(self, estimate: Estimate) -> None:
         """Append one row. Raises MienError if it has other landmarks than an earlier one."""
-        if estimate.landmarks is not None:
-            names = estimate.landmarks.names
-            require(
-                self.landmark_names in ((), names),
-                f"frame {estimate.index} has {len(names)} landmarks, {names[:1]} first, and an earlier one "
-                f"{len(self.landmark_names)}, {self.landmark_names[:1]} first; a tracker gives the same in every frame",
-            )
-            self.landmark_names = names
+        self.landmark_names = landmark_names_with(self.landmark_names, estimate)
         self._buffer.append(estimate)
         R = estimate.model_rotation
         self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())

@@ -187,6 +187,20 @@ def require_next_of(size: tuple[int, int] | None, frame: Frame) -> None:
     )
 
 
+def landmark_names_with(before: tuple[str, ...], estimate: Estimate) -> tuple[str, ...]:
+    """The names of the landmarks of an estimate, or those `before`, () for none yet, if it has no landmarks. Raises
+    MienError if it has others than those before, as a table has a column for each."""
+    if estimate.landmarks is None:
+        return before
+    names = estimate.landmarks.names
+    require(
+        before in ((), names),
+        f"frame {estimate.index} has {len(names)} landmarks, {names[:1]} first, and an earlier one {len(before)}, "
+        f"{before[:1]} first; a tracker gives the same in every frame",
+    )
+    return names
+
+
 def pack(R: Array, t: Array, animation: Array) -> Array:
     """State b of Eq. (2): (3, 3), (3,), (6,) -> (12,), the rotation as the vector from `FACING`."""
     return np.concatenate([log(R @ FACING), t, animation])
