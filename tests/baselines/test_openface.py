@@ -113,6 +113,13 @@ def test_frames_that_are_not_counted_once_each_are_refused(
         OpenFaceTracker(str(tmp_path / "own.csv"))
 
 
+@pytest.mark.parametrize("confidence", [97, -1])
+def test_a_confidence_that_is_no_probability_is_refused(confidence: float, tmp_path: Path) -> None:
+    (tmp_path / "own.csv").write_text(f"frame,confidence,pose_Rx,pose_Ry,pose_Rz\n1,{confidence},0,0,0\n")
+    with pytest.raises(MienError, match=f"the confidence {confidence} is not between 0 and 1"):
+        OpenFaceTracker(str(tmp_path / "own.csv"))
+
+
 @pytest.mark.parametrize("rate", [12.5, 25.0, 30.0, np.inf])  # images have no times; some files then have zeros
 def test_rows_of_another_frame_rate_are_warned_of(tmp_path: Path, rate: float) -> None:
     rows = [f"{i + 1},{i / rate},1,0,0,0" for i in range(20)]

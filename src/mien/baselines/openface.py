@@ -32,6 +32,8 @@ class OpenFaceTracker:
     def __init__(self, path: str = "") -> None:
         require(bool(path), "the tracker 'openface' needs a CSV or a folder of them: openface:PATH")
         self._table = read_pose_csv(Path(path))
+        wrong = [f"{c:g}" for c in self._table.confidence if not 0 <= c <= 1]
+        require(not wrong, f"{path}: the confidence {', '.join(wrong[:1])} is not between 0 and 1; correct the column")
         self._row_of = {int(i): row for row, i in enumerate(self._table.index) if self._table.tracked[row]}
         self._mm_per_unit = mm_per_unit(Candide.default().vertices())
 
