@@ -1,9 +1,9 @@
 """The real-time tracker with one mechanism off at a time, on the rendered sequences, as a Markdown table.
 
-`OMP_NUM_THREADS=1 python benchmarks/ablation.py PATH`, with PATH the folder of the rendered sequences. Protocol
-`rebased`, landmarks from the detector, found once for all rows. `jaw` and `smile` are the correlations of `jaw_drop`
-and `lip_stretcher` with the truth over the sequences of kind `expression`, `jitter` that of `uniform`; the last two
-columns see every third frame alone.
+`OMP_NUM_THREADS=1 python benchmarks/ablation.py PATH`, with PATH the folder of the rendered sequences; --only WORDS for
+those rows alone that have these words, as each takes minutes. Protocol `rebased`, landmarks from the detector, found
+once for all rows. `jaw` and `smile` are the correlations of `jaw_drop` and `lip_stretcher` with the truth over the
+sequences of kind `expression`, `jitter` that of `uniform`; the last two columns see every third frame alone.
 """
 
 from __future__ import annotations
@@ -223,14 +223,17 @@ def cells(every: list[Score], third: list[Score]) -> Iterator[str]:
 
 def main() -> None:
     parser = parser_of(__doc__, "path")
-    path = parser.parse_args().path
+    parser.add_argument("--only", default="", metavar="WORDS", help="the rows with these words, instead of all")
+    arguments = parser.parse_args()
+    path, rows = arguments.path, {name: make for name, make in TRACKERS.items() if arguments.only in name}
+    require(bool(rows), f"no row has the words {arguments.only!r}; the rows are {'; '.join(TRACKERS)}")
     sequences = load_dataset("rendered", path)
     missing = set(KINDS) - {sequence.kind for sequence in sequences}
     require(not missing, f"{path} holds no sequence of the kind {', '.join(sorted(missing))}; give one of each kind")
     every = [prepare(sequence) for sequence in sequences]
     columns = ("", *KINDS, "all", "lost", "jaw", "smile", "false", "jitter", "all, every third", "lost")
     print_heads(*columns)
-    for name, make in TRACKERS.items():
+    for name, make in rows.items():
         scores = ([score(make, thinned(run, step)) for run in every] for step in (1, STEP))
         print("| " + " | ".join((name, *cells(*scores))) + " |", flush=True)
 
