@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import mien
-from mien.arrays import Pixels
+from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
@@ -502,6 +502,27 @@ def test_all_rotations_are_told_as_they_are_known_in_the_end(
         mien.track(folder, landmarks=marks, save=tmp_path / "out")
     kept = mien.Track.read(tmp_path / "out")
     np.testing.assert_allclose(np.radians(kept.euler_deg), [[0.0, 0.05, 0.0]] * (4 if stops else 6), atol=1e-6)
+
+
+def test_stopped_while_rotations_are_corrected_they_are_corrected_once(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    class OnceTracker(StillTracker):
+        def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+            told = iter([exp(np.array([0.0, 0.05, 0.0]))])
+            self.axes = SimpleNamespace(R_model_head=np.eye(3), report_anew=lambda: next(told, np.eye(3)))
+            return super().initialize(frame, landmarks, camera)
+
+    def interrupted(track: mien.Track, R: Array) -> mien.Track:
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    use_tracker(monkeypatch, lambda name: OnceTracker())
+    monkeypatch.setattr(mien.Track, "turned", interrupted)
+    with pytest.warns(MienWarning, match="stopped after 6 frames"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out")
+    kept = mien.Track.read(tmp_path / "out")
+    np.testing.assert_allclose(np.radians(kept.euler_deg), [[0.0, 0.05, 0.0]] * 6, atol=1e-6)
 
 
 class PatientTracker(StillTracker):

@@ -30,7 +30,8 @@ class Recorder:
     """Collects estimates in an unnamed temporary file, so that memory does not grow with the video.
 
     The file is in the folder of `path`, if given, and disappears with the process, however that ends. face_id: index
-    of the face in the video.
+    of the face in the video. turn: (3, 3), in camera axes, what corrects the rotation of every row so far, which the
+    table does not contain yet.
     """
 
     def __init__(self, path: Path | None = None, face_id: int = 0) -> None:
@@ -40,6 +41,7 @@ class Recorder:
         self.last_index = -1
         self.landmark_names: tuple[str, ...] = ()
         self.mm_per_unit = 1.0
+        self.turn = np.eye(3)
         self._buffer: list[Estimate] = []
         self._model_rotations = array("d")
         with named_errors(self.path):

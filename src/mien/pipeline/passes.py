@@ -151,7 +151,10 @@ def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> 
     known = metadata(learned.begin, learned.preset, tracker, recorder, learned.number, learned.face_id, stopped)
     track = Track(recorder.table(), known)
     track = track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
-    return track if axes is None else track.turned(axes.report_anew())  # last, as it is told only once
+    if axes is None:
+        return track
+    recorder.turn = axes.report_anew() @ recorder.turn  # kept, as it is told only once and this may be interrupted
+    return track.turned(recorder.turn)
 
 
 def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Array:
