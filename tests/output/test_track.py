@@ -177,6 +177,17 @@ def test_estimates_without_the_json_keep_their_landmarks(track: Track) -> None:
     np.testing.assert_allclose(first.landmarks.image, track.landmarks[0])
 
 
+@pytest.mark.parametrize(
+    "damaged",
+    [{"landmark_names": 3}, {"landmark_names": "nose"}, {"landmark_names": [1, 2, 3]}]
+    + [{"mm_per_unit": value} for value in (0, -1.0, float("nan"), float("inf"), "long", None)],
+)
+def test_estimates_with_damaged_metadata_are_refused(damaged: dict[str, Any], track: Track) -> None:
+    (name,) = damaged
+    with pytest.raises(MienError, match=f"`{name}` of the track"):
+        next(replace(track, metadata={**track.metadata, **damaged}).estimates())
+
+
 def test_estimates_can_be_compared_and_kept_in_sets() -> None:
     one, other = estimate(0), estimate(0)
     assert one == one

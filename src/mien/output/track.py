@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -217,14 +219,18 @@ class Track:
         return replace(self, table=move_along_rays(self.table, depths))
 
     def estimates(self) -> Iterator[Estimate]:
-        """The estimate of every frame as stored in the table: rounded, and without covariance."""
-        names = tuple(self.metadata.get("landmark_names", ()))
+        """The estimate of every frame as stored in the table: rounded, and without covariance. Raises MienError if the
+        landmark names or the unit of length in the metadata are damaged."""
+        names, mm_per_unit = self.metadata.get("landmark_names", ()), self.metadata.get("mm_per_unit", 1.0)
+        known = isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names)
+        require(known, f"the `landmark_names` of the track are no list of names, but {names!r}; track the video again")
+        positive = isinstance(mm_per_unit, Real) and 0 < float(mm_per_unit) < math.inf
+        require(positive, f"the `mm_per_unit` of the track is {mm_per_unit!r}, not positive; track the video again")
         if not names and self.landmarks is not None:  # without its JSON
-            names = tuple(f"landmark_{i}" for i in range(self.landmarks.shape[1]))
-        mm_per_unit = float(self.metadata.get("mm_per_unit", 1.0))
+            names = [f"landmark_{i}" for i in range(self.landmarks.shape[1])]
         for batch in self.table.to_batches(max_chunksize=BATCH):
             for row in batch.to_pylist():
-                yield estimate_from_row(row, names, mm_per_unit)
+                yield estimate_from_row(row, tuple(names), float(mm_per_unit))
 
     def to_arrow(self) -> pa.Table:
         """The table, for Arrow, Polars and DuckDB."""
