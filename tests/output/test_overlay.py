@@ -49,6 +49,15 @@ def _changed(pixels: Pixels) -> Mask:
     return np.abs(pixels.astype(int) - 128).max(axis=2) > 20
 
 
+def test_the_name_of_a_face_is_above_its_middle_also_in_a_small_frame() -> None:
+    frame, points = Frame(np.full((20, 20, 3), 128, dtype=np.uint8)), np.array([[6.0, 10.0], [8.0, 14.0]])
+    estimate = Estimate(0, 0, Status.TRACKED, landmarks=TrackedLandmarks(("left", "right"), points))
+    bare, named = (draw(frame, [FaceOverlay(estimate, name=name)], CAMERA).astype(int) for name in ("", "0"))
+    rows, columns = np.nonzero((named != bare).any(axis=2)[:320])
+    assert abs((columns.min() + columns.max()) / 2 - (7 * 32 + 15.5)) < 2
+    assert abs(rows.max() - ((10 - 0.6 * 4) * 32 + 15.5)) < 4
+
+
 def test_small_frames_are_enlarged_and_the_frame_itself_stays() -> None:
     pixels = draw(GREY, [FaceOverlay(_estimate(), _mesh())], CAMERA)
     assert pixels.shape == (480, 640, 3)

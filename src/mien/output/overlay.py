@@ -68,7 +68,7 @@ def draw(frame: Frame, faces: Iterable[FaceOverlay], camera: Camera) -> Pixels:
         if estimate.landmarks is not None:
             _draw_landmarks(canvas, estimate.landmarks, scale)
             if face.name:
-                _draw_name(canvas, face.name, estimate.landmarks.image * scale)
+                _draw_name(canvas, face.name, _enlarged(estimate.landmarks.image, scale))
         _draw_axes(canvas, estimate, _axes_origin(estimate, mesh), camera, scale)
     for face in reversed(drawn[:_MAXIMUM_CAPTIONS]):
         caption = f"{face.name}  {_caption(face.estimate)}".strip()
@@ -95,7 +95,7 @@ def draw_fit(
         outlines = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE, offset=place)[0]
         cv2.polylines(canvas, outlines, True, GRAPHICS, 1, cv2.LINE_AA)
     _draw_mesh(canvas, mesh, replace(camera, cx=camera.cx - left, cy=camera.cy - top), scale)
-    points = (landmarks - [left, top]) * scale + (scale - 1) / 2
+    points = _enlarged(landmarks - [left, top], scale)
     _draw_points(canvas, points, [SEEN] * len(points))
     _draw_point_names(canvas, points, names)
     return canvas
@@ -128,7 +128,12 @@ def _enlarge(frame: Frame, width: int = SMALLEST_WIDTH) -> tuple[Pixels, int]:
 
 def _to_canvas(X: Array, camera: Camera, scale: int) -> Array:
     """Project points (n, 3) in camera axes to pixels (n, 2) of the enlarged image; NaN behind the camera."""
-    return camera.project(X)[0] * scale + (scale - 1) / 2
+    return _enlarged(camera.project(X)[0], scale)
+
+
+def _enlarged(p: Array, scale: int) -> Array:
+    """Pixels (n, 2) of the frame in the enlarged image, in which the centre of the first is that of scale x scale."""
+    return np.asarray(p * scale + (scale - 1) / 2)
 
 
 def _fixed_point(p: Array) -> NDArray[np.int32]:
@@ -157,7 +162,7 @@ def _draw_landmarks(canvas: Pixels, landmarks: TrackedLandmarks, scale: int) -> 
     visibility = landmarks.visibility
     v = np.ones(len(landmarks.image)) if visibility is None else visibility
     colours = [SEEN if x > 0.75 else DOUBTFUL if x > 0.25 else HIDDEN for x in v]
-    _draw_points(canvas, landmarks.image * scale + (scale - 1) / 2, colours)
+    _draw_points(canvas, _enlarged(landmarks.image, scale), colours)
 
 
 def _draw_points(canvas: Pixels, points: Array, colours: Iterable[tuple[int, int, int]]) -> None:
