@@ -213,15 +213,17 @@ def test_markdown() -> None:
         "| a_b  | c   |",
         "|------|-----|",
         r"| x\|y | 1.0 |",
-        f"| <z>  | {NONE}   |",
+        rf"| \<z> | {NONE}   |",
     ]
+    assert "| x y | 1.0 |" in to_markdown(replace(TABLE, rows=(("x\ny", "1.0"),)))
 
 
 def test_latex() -> None:
     text = to_latex(TABLE)
     assert r"\caption{A title. 100 \% of R\_0}" in text
     assert r"a\_b & c \\" in text
-    assert r"<z> & -- \\" in text
+    assert r"x\textbar{}y & 1.0 \\" in text
+    assert r"\textless{}z\textgreater{} & -- \\" in text
     assert text.count(r"\begin{tabular}{ll}") == text.count(r"\end{tabular}") == 1
 
 

@@ -12,13 +12,15 @@ from mien.evaluation.tables import Table
 
 _LATEX = {"%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "$": r"\$", "±": r"$\pm$", "°": r"$^\circ$", "²": "$^2$"}
 _LATEX |= {"—": "--", "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-_LATEX |= {"\\": r"\textbackslash{}"}
+_LATEX |= {"\\": r"\textbackslash{}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}
+_MARKDOWN = str.maketrans({"|": r"\|", "<": r"\<", "\n": " "})
+"""What would end a cell or a row, or begin a tag of HTML, which renderers drop."""
 
 
 def to_markdown(table: Table) -> str:
     """A heading, the note, and a table with aligned columns."""
     rows = [table.columns, *table.rows]
-    rows = [tuple(cell.replace("|", r"\|") for cell in row) for row in rows]
+    rows = [tuple(cell.translate(_MARKDOWN) for cell in row) for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(table.columns))]
     lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in rows]
     lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
