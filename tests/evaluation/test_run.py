@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -155,6 +156,19 @@ def test_truth_of_another_length_is_refused(sequence: Sequence) -> None:
     longer = replace(sequence, read_truth=lambda frames: tiny.truth(angles_deg(frames + 1)))
     with pytest.raises(MienError, match="describes 7 frames and its video has 6"):
         run_sequence(Still(), longer, FIRST)
+
+
+def test_a_reader_that_returns_no_truth_is_told(sequence: Sequence) -> None:
+    def nothing(frames: int) -> Truth:
+        return None  # type: ignore[return-value]
+
+    file = re.escape(str(sequence.truth_files[0]))
+    with pytest.raises(MienError, match=f"^{file}: the reader of the truth returned NoneType; it must return a Truth"):
+        run_sequence(Still(), replace(sequence, read_truth=nothing), FIRST)
+
+
+def test_truth_may_be_in_no_file(sequence: Sequence) -> None:
+    assert run_sequence(_perfect(), replace(sequence, truth_files=()), FIRST).truth is not None
 
 
 def test_scores_of_the_pose(sequence: Sequence) -> None:

@@ -81,8 +81,7 @@ def _sequence(job: Job) -> Sequence:
 def _find_landmarks(job: Job, sequence: Sequence) -> None:
     """Write the landmarks of the first frame, from its truth or from the detector."""
     if job.source == "truth":
-        truth = sequence.read_truth(count_frames(sequence.video))
-        landmarks = truth.first_landmarks(str(sequence.truth_files[0]))
+        landmarks = sequence.truth_of(count_frames(sequence.video)).first_landmarks(str(sequence.source))
     else:
         landmarks = _detect(sequence)
     write_landmarks(job.out, landmarks)

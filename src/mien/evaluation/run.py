@@ -15,7 +15,7 @@ import numpy as np
 
 from mien.arrays import Array, Pixels
 from mien.errors import require, warn
-from mien.evaluation.datasets.sequence import Sequence, Truth, require_frames
+from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.metrics import correlation
 from mien.evaluation.protocols import angles_deg
 from mien.evaluation.results import SequenceResult, Timing, TrackTable
@@ -49,11 +49,10 @@ def run_sequence(
 ) -> SequenceResult:
     """Track every frame of a sequence, starting from these landmarks in its first frame.
 
-    Raises MienError if truth and video do not match, and whatever the tracker raises.
+    Raises MienError if truth and video do not match, and whatever the tracker, or the reader of the truth, raises.
     """
     frames = count_frames(sequence.video)
-    truth = sequence.read_truth(frames)
-    require_frames(truth.frames, frames, sequence.truth_files[0])
+    truth = sequence.truth_of(frames)
     estimates: list[Estimate] = []
     meshes: list[Array | None] = []
     for frame, estimate in _estimates(tracker, sequence, landmarks):
@@ -155,7 +154,7 @@ def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:
     high = np.nanmax(points.reshape(-1, 2), axis=0)
     require(
         bool(high[0] < 1.5 * frame.width and high[1] < 1.5 * frame.height),
-        f"{sequence.truth_files[0]} has points up to {high[0]:.0f}, {high[1]:.0f} and the images have "
+        f"{sequence.source} has points up to {high[0]:.0f}, {high[1]:.0f} and the images have "
         f"{frame.width}x{frame.height} pixels; the annotation was made on images of another size",
     )
 
@@ -174,8 +173,10 @@ def _warn_of_degrees(track: TrackTable, truth: Truth, sequence: Sequence) -> boo
     if not (alike > _ALIKE and least * found.std() < alike * true.std() < largest * found.std()):
         return False
     times = alike * true.std() / found.std()
-    file = sequence.truth_files[0]
-    warn(f"{file}: its angles vary {times:.0f} times as much as the track's; they must be in radians, not in degrees")
+    warn(
+        f"{sequence.source}: its angles vary {times:.0f} times as much as the track's; they must be in radians, not in "
+        "degrees"
+    )
     return True
 
 
@@ -189,8 +190,7 @@ def _warn_of_signs(track: TrackTable, truth: Truth, sequence: Sequence) -> None:
     since = (R[both][0].T @ R[both] for R in (track.rotation, truth.rotations))
     for name, found, true in zip(("pitch", "yaw", "roll"), *(angles_deg(R, "XYZ").T for R in since), strict=True):
         if min(found.std(), true.std()) > _LEAST_TURN_DEG and np.corrcoef(found, true)[0, 1] < _AGAINST:
-            file = sequence.truth_files[0]
-            warn(f"{file}: {name} runs against that of the track; check the sign of it in the truth")
+            warn(f"{sequence.source}: {name} runs against that of the track; check the sign of it in the truth")
 
 
 def _mesh(tracker: Tracker, estimate: Estimate, camera: Camera) -> Array | None:

@@ -81,9 +81,10 @@ class Truth:
 class Sequence:
     """A video (a file or a folder of images) with its ground truth.
 
-    kind: category of the sequence in the tables; truth_files: the files of the truth; read_truth: reads the truth,
-    given the number of frames of the video, and raises MienError if they do not match; camera: if known;
-    focal_px, focal_per_width: if only the focal length is known; with none of them, a field of view of 60 degrees.
+    kind: category of the sequence in the tables; truth_files: the files of the truth, if it is in files; read_truth:
+    reads the truth, given the number of frames of the video, and raises MienError if they do not match; camera: if
+    known; focal_px, focal_per_width: if only the focal length is known; with none of them, a field of view of 60
+    degrees.
     """
 
     name: str
@@ -94,6 +95,21 @@ class Sequence:
     camera: Camera | None = None
     focal_px: float | None = None
     focal_per_width: float | None = None
+
+    @property
+    def source(self) -> Path:
+        """What messages about the truth name: its first file or, without one, the video."""
+        return next(iter(self.truth_files), self.video)
+
+    def truth_of(self, frames: int) -> Truth:
+        """The truth, for a video with this number of frames. Raises MienError if there is none, or of other frames."""
+        truth = self.read_truth(frames)
+        require(
+            isinstance(truth, Truth),
+            f"{self.source}: the reader of the truth returned {type(truth).__name__}; it must return a Truth",
+        )
+        require_frames(truth.frames, frames, self.source)
+        return truth
 
     def camera_for(self, width: int, height: int) -> Camera:
         """The camera for images of this size in pixels. Raises MienError if its field of view is too wide."""
