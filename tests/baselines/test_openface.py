@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mien.baselines.openface import OpenFaceTracker
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.evaluation.points12 import POINT_NAMES
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -111,6 +111,16 @@ def test_frames_that_are_not_counted_once_each_are_refused(
     (tmp_path / "own.csv").write_text(f"frame,pose_Rx,pose_Ry,pose_Rz\n{rows}")
     with pytest.raises(MienError, match=message):
         OpenFaceTracker(str(tmp_path / "own.csv"))
+
+
+def test_landmarks_of_an_unknown_scheme_are_not_passed_over_silently(tmp_path: Path) -> None:
+    file, count = tmp_path / "own.csv", 478
+    names = [f"{axis}_{i}" for axis in "xy" for i in range(count)]
+    file.write_text(",".join(["frame,pose_Rx,pose_Ry,pose_Rz", *names]) + "\n1,0,0,0" + ",5" * 2 * count + "\n")
+    with pytest.warns(MienWarning, match="only its pose is read, and none of its 478 landmarks"):
+        (first,) = _track(file, 1)
+    assert first.rotation is not None
+    assert first.landmarks is None
 
 
 @pytest.mark.parametrize("confidence", [97, -1])

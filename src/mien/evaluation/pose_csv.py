@@ -73,7 +73,8 @@ class PoseTable:
 
 
 def read_pose_csv(path: Path) -> PoseTable:
-    """Read the first face of a CSV. Raises MienError if it is not such a table, or a value is not a number."""
+    """Read the first face of a CSV. Raises MienError if it is not such a table, or a value is not a number; warns of
+    what is not read."""
     rows = _rows(path)
     names = list(rows[0])
     count = landmark_count(names)
@@ -82,8 +83,9 @@ def read_pose_csv(path: Path) -> PoseTable:
         has_pose or count in SCHEME_OF_COUNT,
         f"{path} has neither the columns {', '.join(ROTATION)} nor the landmarks x_0, y_0 .. of 68 or 26 points",
     )
-    success = _column(path, rows, "success", 1.0)
-    tracked = np.nan_to_num(success) > 0
+    if count and count not in SCHEME_OF_COUNT:
+        warn(f"{path}: only its pose is read, and none of its {count} landmarks, as they are neither 68 nor 26")
+    tracked = np.nan_to_num(_column(path, rows, "success", 1.0)) > 0
     frame = _column(path, rows, "frame", np.nan)
     numbered = "frame" in names
     frame = frame if numbered else np.arange(len(rows), dtype=float)
