@@ -284,3 +284,5 @@ def test_labels_and_commands() -> None:
     plan = Plan("buft", Path("data"), Path("out"), ("paper", "mediapipe"), "paper", focal_px=450, timed=0)
     expected = "mien evaluate buft data --trackers paper,mediapipe --protocol paper --focal 450 --timed 0 -o out"
     assert command_of(plan) == expected
+    exact = command_of(replace(plan, focal_px=1234.5678, lost_deg=12.3456789))
+    assert "--focal 1234.5678 --lost 12.3456789" in exact

@@ -156,8 +156,8 @@ def command_of(plan: Plan) -> str:
     words = ["mien", "evaluate", plan.dataset, str(plan.root), "--trackers", ",".join(plan.trackers)]
     words += ["--protocol", plan.protocol]
     words += ["--landmarks", plan.landmarks] if plan.landmarks != "detected" else []
-    words += ["--focal", f"{plan.focal_px:g}"] if plan.focal_px is not None else []
-    words += ["--lost", f"{plan.lost_deg:g}"] if plan.lost_deg != DEFAULT_LOST_DEG else []
+    words += ["--focal", f"{plan.focal_px:.15g}"] if plan.focal_px is not None else []
+    words += ["--lost", f"{plan.lost_deg:.15g}"] if plan.lost_deg != DEFAULT_LOST_DEG else []
     words += ["--sequences", ",".join(plan.sequences)] if plan.sequences else []
     words += ["--timed", str(plan.timed)] if plan.timed != 1 else []
     return shlex.join([*words, "-o", str(plan.out)])
