@@ -86,14 +86,7 @@ def read_pose_csv(path: Path) -> PoseTable:
     if count and count not in SCHEME_OF_COUNT:
         warn(f"{path}: only its pose is read, and none of its {count} landmarks, as they are neither 68 nor 26")
     tracked = np.nan_to_num(_column(path, rows, "success", 1.0)) > 0
-    frame = _column(path, rows, "frame", np.nan)
-    numbered = "frame" in names
-    frame = frame if numbered else np.arange(len(rows), dtype=float)
-    require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
-    broken = [f"{number:g}" for number in frame if number % 1]
-    require(not broken, f"{path}: the frame {', '.join(broken[:1])} is no whole number; a time is a timestamp")
-    once = len(np.unique(frame)) == len(frame)
-    require(once, f"{path} has two rows for one frame; keep one of them, or the rows of one face")
+    frame, numbered = _frame_numbers(path, rows), "frame" in names
     angles = _columns(path, rows, ROTATION) if has_pose else None
     points = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     landmarks = _columns(path, rows, points) if count in SCHEME_OF_COUNT else None
@@ -120,6 +113,20 @@ def read_pose_csv(path: Path) -> PoseTable:
         by_mien=by_mien,
         angles=angles,
     )
+
+
+def _frame_numbers(path: Path, rows: Sequence[dict[str, str]]) -> Array:
+    """The frame (n,) of each row as numbered in the file, or the number of the row. Raises MienError where a number is
+    missing, broken or there twice."""
+    if "frame" not in rows[0]:
+        return np.arange(len(rows), dtype=float)
+    frame = _columns(path, rows, ("frame",))[:, 0]
+    require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
+    broken = [f"{number:g}" for number in frame if number % 1]
+    require(not broken, f"{path}: the frame {', '.join(broken[:1])} is no whole number; a time is a timestamp")
+    once = len(np.unique(frame)) == len(frame)
+    require(once, f"{path} has two rows for one frame; keep one of them, or the rows of one face")
+    return frame
 
 
 def _require_plausible(path: Path, angles: Array | None, landmarks: Array | None, tracked: Mask) -> None:

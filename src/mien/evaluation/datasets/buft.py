@@ -53,9 +53,7 @@ def load(root: Path) -> tuple[Sequence, ...]:
             video,
             (dat,),
             partial(read_truth, dat),
-            None,
-            None,
-            FOCAL_PER_WIDTH,
+            focal_per_width=FOCAL_PER_WIDTH,
         )
         for video, dat in pairs
     )
