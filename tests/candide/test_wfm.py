@@ -69,6 +69,14 @@ def test_state_there_and_back(tmp_path: Path) -> None:
         assert getattr(back, name) == getattr(wfm, name)
 
 
+@pytest.mark.parametrize("name", ["", "face#1.png", "two\nlines.png", " "])
+def test_a_texture_whose_file_cannot_be_named_is_not_written(name: str, tmp_path: Path) -> None:
+    wfm = replace(Wfm.neutral(Candide.default()), texture={3: (0.25, 0.5)}, texture_file=name)
+    with pytest.raises(MienError, match="cannot be the name of the texture's file"):
+        write_wfm(tmp_path / "state.wfm", wfm)
+    assert not (tmp_path / "state.wfm").exists()
+
+
 def test_a_model_by_hand(tmp_path: Path) -> None:
     file = tmp_path / "triangle.wfm"
     file.write_text(TRIANGLE)

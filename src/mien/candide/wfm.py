@@ -18,7 +18,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.candide.model import Candide, outward
-from mien.errors import MienError
+from mien.errors import MienError, require
 from mien.files import whole_file
 
 
@@ -71,8 +71,13 @@ def read_wfm(path: str | Path) -> Wfm:
 
 
 def write_wfm(path: str | Path, wfm: Wfm) -> None:
-    """Write a `.wfm` file; `read_wfm` restores it exactly."""
-    model = wfm.model
+    """Write a `.wfm` file; `read_wfm` restores it exactly, with names of units in lower case. Raises MienError for
+    texture coordinates without a file whose name the format can hold."""
+    model, file_name = wfm.model, wfm.texture_file
+    require(
+        not wfm.texture or file_name.partition("#")[0].strip().splitlines() == [file_name],
+        f"{path}: {file_name!r} cannot be the name of the texture's file; give one without # on one line",
+    )
     vertices = [f"{_numbers(x)} # {name}" for x, name in zip(model.mean, model.vertex_names, strict=True)]
     texture = [f"{vertex} {_numbers(uv)}" for vertex, uv in wfm.texture.items()]
     lists = [
@@ -82,7 +87,7 @@ def write_wfm(path: str | Path, wfm: Wfm) -> None:
         _unit_list("SHAPE UNITS LIST:", model.shape_unit_names, model.shape_units),
         _list("ANIMATION PARAMETERS:", _parameters(wfm.animation)),
         _list("SHAPE PARAMETERS:", _parameters(wfm.shape)),
-        _list("TEXTURE:", texture) + ([wfm.texture_file] if texture else []),
+        _list("TEXTURE:", texture) + ([file_name] if texture else []),
         ["# GLOBAL MOTION:", *map(_numbers, (wfm.rotation, wfm.scale, wfm.translation)), "", "# END OF FILE"],
     ]
     text = "\n\n".join("\n".join(lines) for lines in lists) + "\n"
