@@ -83,6 +83,7 @@ def test_counterparts_and_correlation() -> None:
     # Deviations -1 0 1 and -1 2 -1 from the means have a product of zero.
     assert metrics.correlation(np.array([0.0, 1, 2]), np.array([0.0, 3, 0])) == pytest.approx(0)
     assert np.isnan(metrics.correlation(np.array([1.0, 1, 1]), np.array([0.0, 1, 2])))
+    assert np.isnan(metrics.correlation(np.array([0.0, 1, np.nan]), np.array([0.0, 1, 2])))
 
 
 def test_false_movement() -> None:
@@ -99,6 +100,7 @@ def test_coverage() -> None:
     assert metrics.coverage(error, sd, 0.90) == 0.6
     assert metrics.coverage(error, sd, 0.95) == 0.8
     assert np.isnan(metrics.coverage(error, np.full(5, np.nan), 0.5))
+    assert metrics.coverage(error, np.array([2.0, 2, 2, 0, 0]), 0.50) == 1 / 3
 
 
 def test_normalised_error_squared() -> None:
@@ -106,6 +108,9 @@ def test_normalised_error_squared() -> None:
     covariance = np.array([np.diag([4.0, 9.0]), [[2.0, 1.0], [1.0, 2.0]], np.full((2, 2), np.nan)])
     # (1 + 1) / 2, and [1 1] C^-1 [1 1] = 2/3 over two dimensions
     np.testing.assert_allclose(metrics.normalised_error_squared(error, covariance), [1, 1 / 3, np.nan])
+    covariance = np.array([np.diag([4.0, 9e-8]), np.ones((2, 2)), np.zeros((2, 2))])  # the second and third singular
+    error[0] = [2.0, 3e-4]
+    np.testing.assert_allclose(metrics.normalised_error_squared(error, covariance), [1, np.nan, np.nan])
 
 
 def test_calibrated_errors_are_covered_and_normalised() -> None:

@@ -11,6 +11,7 @@ from mien.errors import MienError
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.metrics import mean_absolute_error
 from mien.evaluation.protocols import (
+    Comparison,
     Protocol,
     compare,
     hold,
@@ -173,6 +174,26 @@ def test_covariance_of_the_angles_is_that_of_the_rotation_vector_seen_through_th
     for i in range(5):
         J = euler_jacobian(R[0].T @ R[i]) @ R[0].T
         np.testing.assert_allclose(c.covariance_deg2[i], np.degrees(1) ** 2 * J @ C[i] @ J.T, rtol=1e-4)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_covariance_is_that_of_a_later_rotation_where_the_first_frame_is_turned(protocol: Protocol) -> None:
+    rng = np.random.default_rng(5)
+    R, step = FACING @ _random_rotations(5, 6), 1e-5
+    half = 0.02 * rng.normal(size=(5, 3, 3))
+    C = half @ np.swapaxes(half, 1, 2)
+    c = compare(protocol, Truth(5, rotations=R), R, C)
+    moved = [np.concatenate([R[:1], exp(step * axis) @ R[1:]]) for axis in np.eye(3)]
+    angles = [compare(protocol, Truth(5, rotations=R), turned).estimate_deg for turned in moved]
+    J = np.stack([wrap_deg(a - c.estimate_deg) / step for a in angles], axis=-1)
+    np.testing.assert_allclose(c.covariance_deg2[1:], (J @ C @ np.swapaxes(J, 1, 2))[1:], rtol=1e-3, atol=1e-4)
+
+
+def test_an_error_at_the_threshold_is_tracked() -> None:
+    zero, nowhere = np.zeros((2, 3)), np.full((2, 3, 3), np.nan)
+    estimate = np.array([[3.0, 0, 4], [3, 0, 4.001]])
+    c = Comparison(Protocol.PAPER, zero, estimate, np.zeros(2), np.zeros(2, dtype=bool), nowhere)
+    np.testing.assert_array_equal(c.tracked(5), [True, False])
 
 
 def test_at_the_first_frame_the_deviations_of_the_angles_are_those_about_the_axes() -> None:

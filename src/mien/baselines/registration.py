@@ -28,7 +28,7 @@ class Residuals:
 
     e: (N,) template minus view, grey values; J: (N, 6) derivative of the view with respect to the step of `Pose.moved`;
     cosine: (N,) the smaller of the viewing cosines of template and view; gradient: (N,) gradient magnitude of the
-    template; rows: indices of the points.
+    template; value: (N,) grey values of the view; rows: (N,) indices of the points in the surface.
     """
 
     e: Array

@@ -99,7 +99,7 @@ def counterpart(unit: str, expression: Array, names: tuple[str, ...]) -> Array |
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Pearson correlation over the frames that have both; NaN if one of them is constant."""
+    """Pearson correlation over the frames that have both; NaN for fewer than three, or if one is constant."""
     both = np.isfinite(a) & np.isfinite(b)
     a, b = a[both], b[both]
     if len(a) < 3 or np.ptp(a) < 1e-9 or np.ptp(b) < 1e-9:
@@ -119,7 +119,7 @@ def false_movement(expression: Array) -> Array:
 def coverage(error: Array, sd: Array, level: float) -> float:
     """Fraction of errors inside the central interval of this level, for Gaussian errors with standard deviation sd.
 
-    Entries that lack either are excluded; NaN if none remain.
+    Entries that lack either, or whose sd is 0, are excluded; NaN if none remain.
     """
     both = np.isfinite(error) & np.isfinite(sd) & (sd > 0)
     if not both.any():
