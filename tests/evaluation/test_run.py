@@ -138,6 +138,23 @@ def test_landmark_scores(sequence: Sequence) -> None:
     np.testing.assert_array_equal(score.false_movement, [*np.zeros(6), np.nan])  # Still tells nothing of eyes
 
 
+@pytest.mark.parametrize(("opening", "moves"), [(0.04, False), (0.06, True)])
+def test_expressions_that_hardly_change_are_none(opening: float, moves: bool, sequence: Sequence) -> None:
+    opened = np.linspace(0, opening, FRAMES)[:, None]
+    truth = Truth(FRAMES, expression=opened, expression_names=("jawOpen",))
+    result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: truth), FIRST)
+    assert Score(result, Protocol.REBASED, 30.0).expression_moves is moves
+
+
+def test_jitter_is_that_of_tracked_frames(sequence: Sequence) -> None:
+    """In a lost frame the last rotation is held, and the head goes on."""
+    tracker = _perfect()
+    tracker.rotations[3] = np.nan
+    score = Score(run_sequence(tracker, sequence, FIRST), Protocol.REBASED, 30.0)
+    assert np.abs(score.error_deg[3]).min() > 1
+    assert score.jitter_deg == pytest.approx(0, abs=1e-9)
+
+
 def test_truth_without_a_known_frame_has_no_figures(sequence: Sequence) -> None:
     unknown = Truth(FRAMES, landmarks=np.full((FRAMES, 68, 2), np.nan))
     result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: unknown), FIRST)
