@@ -15,7 +15,7 @@ import pytest
 from evaluation import tiny
 from mien.errors import MienError
 from mien.evaluation import benchmark
-from mien.evaluation.benchmark import _select, run_plan, track_job
+from mien.evaluation.benchmark import _select, first_frame_job, run_plan, track_job
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
@@ -57,6 +57,15 @@ def test_a_result_of_other_settings_is_made_again(tmp_path: Path) -> None:
     run_plan(plan)
     run_plan(replace(plan, focal_px=400.0))
     assert _result(plan, STILL).settings["focal_px"] == 400.0
+
+
+def test_landmarks_are_detected_again_for_another_focal_length(tmp_path: Path) -> None:
+    """A face at the side of the image is straightened by it."""
+    plan = _plan(tmp_path, STILL)
+    (sequence, *_) = load_dataset(plan.dataset, plan.root)
+    for source, files in (("detected", 3), ("truth", 1)):
+        plans = [replace(plan, landmarks=source, focal_px=focal) for focal in (None, 400.0, 500.0)]
+        assert len({first_frame_job(one, sequence).out for one in plans}) == files
 
 
 def test_failures_are_rows_and_stop_nothing(tmp_path: Path) -> None:

@@ -119,10 +119,12 @@ def _require_own_files(plan: Plan, sequences: Sequence[DataSequence]) -> None:
 
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
     """The job that makes the landmarks of a first frame; their file name contains a checksum of their inputs, with the
-    code if they are detected."""
-    files = (sequence.video, *(sequence.truth_files if plan.landmarks == "truth" else ()))
-    code = code_checksum() if plan.landmarks == "detected" else __version__
-    inputs = _digest([code, *(_checksum(f) for f in files)])[:12]
+    code and the focal length, by which they are straightened, if they are detected."""
+    if plan.landmarks == "detected":
+        made_by = [code_checksum(), str(plan.focal_px)]
+    else:
+        made_by = [__version__, *(_checksum(f) for f in sequence.truth_files)]
+    inputs = _digest([*made_by, _checksum(sequence.video)])[:12]
     file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{inputs}.json"
     return Job(
         task="landmarks",
