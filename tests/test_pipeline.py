@@ -360,6 +360,21 @@ def test_stopped_after_the_last_frame_all_rows_are_kept(
     assert (kept.metadata["complete"], kept.metadata["video"]["sha256"]) == (False, None)
 
 
+def test_stopped_while_the_files_are_written_they_are_written_all_the_same(
+    tracker: StillTracker, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(table: Any, path: Path) -> None:
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mien.output.track.write_parquet", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out", plot=tmp_path / "out.png")
+    kept = mien.Track.read(tmp_path / "out.parquet")
+    assert (len(kept), kept.metadata["complete"]) == (6, True)
+    assert (tmp_path / "out.png").exists()
+
+
 def test_the_window_shows_every_frame_also_before_there_is_a_face(
     tracker: StillTracker, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

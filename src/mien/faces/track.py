@@ -12,7 +12,7 @@ from mien.faces.sightings import Sighting, appearances_in, detections_in, sighti
 from mien.faces.tracked import LEAST_SECONDS, FaceBoxes, TrackedFace, is_known, unknown_part, without_other_faces
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.output.destination import Destination
+from mien.output.destination import Destination, write_in_any_case
 from mien.output.track import Track
 from mien.pipeline.drawing import mesh_of
 from mien.pipeline.passes import Pass, run_passes
@@ -164,7 +164,7 @@ def _track_face(first: Pass, others: Sequence[TrackedFace], apart: bool) -> Trac
         few = min(LEAST_SECONDS * begin.footage.video.fps, 0.5 * len(track))
         if own < few or (apart and shared > few):
             return None
-        first.files.write(track)
+        write_in_any_case(first.files, track)
     return face
 
 

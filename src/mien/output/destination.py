@@ -11,7 +11,7 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-from mien.errors import MienError, require, warn
+from mien.errors import MienError, interruption, require, warn
 from mien.files import checksum, exists, real_path, require_ending, require_writable, size_of
 from mien.output.track import Track
 from mien.output.track_files import (
@@ -101,6 +101,17 @@ class Destination:
             track.plot(self.plot)
         if self.gltf is not None:
             track.save_gltf(self.gltf)
+
+
+def write_in_any_case(files: Destination, track: Track) -> None:
+    """Write a track that has just been made; if that is interrupted, write it from the beginning, and then raise the
+    interruption, so that its last second does not cost what took hours."""
+    try:
+        files.write(track)
+    except BaseException as error:
+        if isinstance(interruption(error), KeyboardInterrupt):
+            files.write(track)
+        raise
 
 
 def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:

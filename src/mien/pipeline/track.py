@@ -16,7 +16,7 @@ from mien.errors import require, warnings_noted
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks, Point
-from mien.output.destination import Destination
+from mien.output.destination import Destination, write_in_any_case
 from mien.output.track import Track
 from mien.output.window import Window, require_screen
 from mien.pipeline.passes import Pass, run_passes
@@ -84,7 +84,7 @@ def track(
         begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
         files.warn_if_stale(1)
         for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
-            files.write(result)
+            write_in_any_case(files, result)
     return result
 
 
