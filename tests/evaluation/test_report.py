@@ -8,6 +8,8 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,20 +17,21 @@ import pytest
 
 from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Shifted, face68, head_rotations
+from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.evaluation import tables
-from mien.evaluation.cells import NONE
-from mien.evaluation.contact_sheet import contact_sheet
+from mien.evaluation.cells import NONE, table_1_cells
+from mien.evaluation.contact_sheet import TILE, _around, _on_tile, contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
-from mien.evaluation.figures import angles_over_time, landmark_rms_over_time, save_figures
+from mien.evaluation.figures import _annotated_rms, angles_over_time, landmark_rms_over_time, save_figures
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
 from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.published import REBASED_REFERENCES
 from mien.evaluation.report import write_report
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.run import run_sequence
-from mien.evaluation.scores import Scores, load_scores
+from mien.evaluation.scores import Score, Scores, load_scores, spread_of_errors
 from mien.evaluation.tables import Table
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
@@ -79,6 +82,7 @@ def test_table_1_names_its_sources(out: Path) -> None:
     rebased = _rows(tables.published_and_measured(load_scores(out)))
     assert [r["approach"] for r in rebased[:3]] == ["CLM", "CLNF (OpenFace)", "CE-CLM (OpenFace 2)"]
     assert rebased[3]["E_pan (°)"] == "2.50"
+    assert rebased[3]["E_m (°)"] == "0.83"
     sensor = _rows(tables.published_and_measured(load_scores(out, "sensor")))
     assert all(r["source"].startswith("measured here") for r in sensor)
 
@@ -101,8 +105,23 @@ def test_errors_by_kind(out: Path) -> None:
     }
     assert shifted["wide"] == "0.00"
     row = _rows(tables.angles_by_kind(load_scores(out)))[0]
-    assert (row["tilt (°)"], row["pan (°)"], row["roll (°)"]) == ("0.00", "2.50", "0.00")
+    assert (row["tilt (°)"], row["pan (°)"], row["roll (°)"], row["mean (°)"]) == ("0.00", "2.50", "0.00", "0.83")
     assert row["lost frames"] == "0 of 6"
+
+
+def test_spread_is_that_of_a_sample_of_sequences() -> None:
+    """About the mean 2, 2, 5 each is off by 1, 0, 2, so that the two have a variance of 2, 0, 8."""
+    scores: Any = [SimpleNamespace(mean_errors=np.array(errors)) for errors in ([1.0, 2, 3], [3.0, 2, 7])]
+    np.testing.assert_allclose(spread_of_errors(scores), np.sqrt([2, 0, 8]))
+    assert np.isnan(spread_of_errors(scores[:1])).all()
+
+
+def test_each_angle_of_table_1_has_its_own_spread(out: Path) -> None:
+    """One sequence with a mean error of 2.5 degrees of pan, and one without any."""
+    scores = load_scores(out)
+    chosen = [*scores.for_tracker("good", "uniform"), *scores.for_tracker("shifted", "wide")]
+    pan, tilt, roll = "1.25 ± 1.77", "0.00 ± 0.00", "0.00 ± 0.00"
+    assert table_1_cells(chosen, 30.0) == ("100.0", pan, tilt, roll, "0.42")
 
 
 def test_lost_frames_stand_beside_the_errors(tmp_path: Path) -> None:
@@ -141,11 +160,14 @@ def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
     points = {(r["tracker"], r["kind"]): r for r in _rows(tables.landmarks(scores))}
     assert points["shifted", "uniform"]["raw (px)"] == "3.00"
     assert points["shifted", "uniform"]["without offset (px)"] == "0.00"
+    eyes = float(np.linalg.norm(face68()[36] - face68()[45]))
+    assert points["shifted", "uniform"]["normalised (%)"] == f"{100 * 3 / eyes:.1f}"
     # The error of pan is 0 3 3 3 3 3: second differences -3 0 0 0, deviation 3 sqrt(3) / 4, over three angles.
     assert _rows(tables.jitter(scores))[0]["uniform"] == f"{np.sqrt(3) / 4:.3f}"
     (cost,) = _rows(tables.cost(scores))  # that of `shifted` was made by other code
     assert (cost["tracker"], cost["frames/s"], cost["median (ms)"]) == ("good", "5.0", "200.00")
     assert (cost["memory (MB)"], cost["cores busy"]) == ("99", "2.0")
+    assert cost["99th percentile (ms)"] == "298.00"  # of 100 and 300
     on_windows = replace(scores, timings=(replace(scores.timings[0], peak_mb=np.nan),))
     assert _rows(tables.cost(on_windows))[0]["memory (MB)"] == NONE
     failed = _rows(tables.failures(scores))
@@ -351,6 +373,31 @@ def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:
     assert sheet is not None
     assert sheet.shape == (3 * 320, 5 * 320, 3)  # twelve frames, five in a row
     assert contact_sheet(()) is None
+
+
+def test_the_contact_sheet_begins_with_the_worst_frame(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def tile(score: Score, frame: int, error: float) -> Pixels:
+        shown.append(error)
+        return np.zeros((TILE, TILE, 3), np.uint8)
+
+    shown: list[float] = []
+    monkeypatch.setattr("mien.evaluation.contact_sheet._tile", tile)
+    contact_sheet(load_scores(out).for_tracker("good"))
+    np.testing.assert_allclose(shown, [3.0] * 10 + [0.0] * 2, atol=1e-3)
+
+
+def test_a_face_is_in_the_middle_of_its_tile() -> None:
+    A = _around(np.array([[10.0, 40.0], [50.0, 60.0], [np.nan, 0.0]]), (100, 200, 3))
+    np.testing.assert_allclose(_on_tile(np.array([[30.0, 50.0]]), A), [[TILE / 2, TILE / 2]])
+    left, right = _on_tile(np.array([[10.0, 50.0], [50.0, 50.0]]), A)[:, 0]
+    assert 0.7 * TILE < right - left < 0.8 * TILE
+
+
+def test_the_rms_is_drawn_in_the_annotated_frames() -> None:
+    truth = np.zeros((4, 12, 2))
+    truth[[0, 2], 5] = np.nan
+    score: Any = SimpleNamespace(frame_rms_px=np.array([np.nan, 1.0, np.nan, 3.0]), points=(None, truth))
+    np.testing.assert_array_equal(np.stack(_annotated_rms(score)), [[1, 3], [1.0, 3.0]])
 
 
 def test_a_data_set_without_poses_has_landmarks_alone(out: Path) -> None:
