@@ -123,6 +123,15 @@ def test_landmarks_of_an_unknown_scheme_are_not_passed_over_silently(tmp_path: P
     assert first.landmarks is None
 
 
+def test_a_place_that_is_missing_is_none(tmp_path: Path) -> None:
+    names = "frame,pose_Tx,pose_Ty,pose_Tz,pose_Rx,pose_Ry,pose_Rz"
+    (tmp_path / "own.csv").write_text(f"{names}\n1,1,2,630,0,0,0\n2,,,,0,0,0\n")
+    first, second = _track(tmp_path / "own.csv", 2)
+    assert first.translation is not None
+    assert second.rotation is not None
+    assert second.translation is None
+
+
 @pytest.mark.parametrize("confidence", [97, -1])
 def test_a_confidence_that_is_no_probability_is_refused(confidence: float, tmp_path: Path) -> None:
     (tmp_path / "own.csv").write_text(f"frame,confidence,pose_Rx,pose_Ry,pose_Rz\n1,{confidence},0,0,0\n")

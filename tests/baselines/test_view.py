@@ -29,3 +29,16 @@ def test_a_large_head_is_shrunk_and_projects_to_the_same_place() -> None:
     values, inside = view.read(1, view.camera.project(X)[0])
     assert inside.all()
     assert values[0, 0] == pytest.approx(camera.project(X)[0][0, 0] * 255 / 640, abs=1.0)
+
+
+def test_the_pixels_of_a_shrunk_view_are_in_the_middle_of_those_that_they_hold() -> None:
+    ramp = np.tile(np.arange(250, dtype=np.uint8), (250, 1))
+    camera = Camera.centred(960, 250, 250)
+    pose = Pose(FACING, np.array([0.0, 0, 4]))
+    X = np.array([[0.1, 0.05, 4.0]])
+    for grey, axis in ((ramp, 0), (ramp.T.copy(), 1)):
+        view = look(Frame(grey), pose, camera)
+        assert view is not None
+        assert view.levels[0].shape[0] == 83
+        values, _ = view.read(1, view.camera.project(X)[0])
+        assert values[0, 0] == pytest.approx(camera.project(X)[0][0, axis], abs=0.1)

@@ -70,6 +70,17 @@ def test_buft_finds_tables_in_a_folder_of_their_own_and_both_lights(tmp_path: Pa
     assert len(buft.COMPLETE) == 45
 
 
+def test_of_two_tables_of_buft_that_of_the_same_light_is_read(tmp_path: Path) -> None:
+    tiny.buft(tmp_path / "vary")
+    tables = [tmp_path / "truth" / light / "jam1.dat" for light in ("uniform", "vary")]
+    for table in tables:
+        table.parent.mkdir(parents=True)
+        table.write_bytes((tmp_path / "vary" / "jam1.dat").read_bytes())
+    (tmp_path / "vary" / "jam1.dat").unlink()
+    (found,) = load_dataset("buft", tmp_path)
+    assert found.truth_files == (tables[1],)
+
+
 def test_the_rule_of_buft_is_that_of_rebased() -> None:
     """The `.dat` of a rendered sequence gives back the rotations that it was written from."""
     angles = np.array([[0.0, 0, 0], [10, -20, 30], [-5, 40, -15]])
@@ -167,6 +178,13 @@ def _fgnet_points() -> Array:
     points[32:36] = [[44, 15], [41, 13], [38, 15], [41, 17]]
     points[31], points[36] = points[27:31].mean(axis=0), points[32:36].mean(axis=0)
     return points
+
+
+def test_talking_face_of_ibug_in_plain_lines_counts_pixels_from_zero(tmp_path: Path) -> None:
+    plain = "\n".join(f"{x:.4f} {y:.4f}" for x, y in face68())
+    truth = _truth("talking-face", tiny.talking_face(tmp_path, face68(), plain, (0, 3)))
+    assert truth.landmarks is not None
+    np.testing.assert_allclose(truth.landmarks[3], face68(), atol=1e-4)
 
 
 @pytest.mark.parametrize("as_video", [False, True])
@@ -324,6 +342,12 @@ def test_annotations_that_are_refused(tmp_path: Path) -> None:
             _truth("video", _annotate(tmp_path, header, rows))
     with pytest.raises(MienError, match="neither the columns"):
         _truth("video", _annotate(tmp_path, "frame,tilt", ["0,1"]))
+
+
+def test_a_row_without_success_is_no_truth_also_with_a_pose(tmp_path: Path) -> None:
+    rows = [f"{i},{int(i != 2)},0.1,0,0" for i in range(FRAMES)]
+    truth = _truth("video", _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", rows))
+    np.testing.assert_array_equal(truth.known, np.arange(FRAMES) != 2)
 
 
 def test_a_row_without_success_is_no_truth(tmp_path: Path) -> None:

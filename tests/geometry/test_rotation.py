@@ -18,6 +18,7 @@ from mien.geometry.rotation import (
     log,
     matrix_from_euler,
     ray_rotation,
+    rotation_onto,
     similarity,
 )
 from strategies import euler_angles, rotation_vectors, rotations, unit_vectors, vectors
@@ -125,3 +126,9 @@ def test_similarity_is_recovered() -> None:
     assert scale == pytest.approx(2.5)
     np.testing.assert_allclose(found, R, atol=1e-9)
     np.testing.assert_allclose(shift, t, atol=1e-9)
+
+
+def test_points_are_never_mirrored_onto_others() -> None:
+    source = np.random.default_rng(8).normal(size=(9, 3)) * [3.0, 2.0, 1.0]
+    R, _ = rotation_onto(source, source * [1, 1, -1])
+    assert np.linalg.det(R) == pytest.approx(1)
