@@ -344,6 +344,14 @@ def test_annotations_that_are_refused(tmp_path: Path) -> None:
         _truth("video", _annotate(tmp_path, "frame,tilt", ["0,1"]))
 
 
+@pytest.mark.parametrize(("first", "last"), [(-1, 4), (0, 8)])
+def test_rows_of_frames_that_the_video_does_not_have_are_refused(first: int, last: int, tmp_path: Path) -> None:
+    rows = [f"{i},0,0,0" for i in range(first, last + 1)]
+    root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", rows)
+    with pytest.raises(MienError, match=f"describes frames up to {last}, from {first} on, and its video has 6;"):
+        _truth("video", root)
+
+
 def test_a_row_without_success_is_no_truth_also_with_a_pose(tmp_path: Path) -> None:
     rows = [f"{i},{int(i != 2)},0.1,0,0" for i in range(FRAMES)]
     truth = _truth("video", _annotate(tmp_path, "frame,success,pose_Rx,pose_Ry,pose_Rz", rows))

@@ -61,8 +61,8 @@ def read_truth(path: Path, frames: int, video: Path | None = None) -> Truth:
     index = table.frame - first
     require(
         bool(index.size) and int(index.min()) >= 0 and int(index.max()) < frames,
-        f"{path} describes frames up to {int(table.frame.max())} and its video has {frames}; "
-        "check that they belong together",
+        f"{path} describes frames up to {int(table.frame.max())}, from {int(table.frame.min())} on, and its video has "
+        f"{frames}; check that they belong together",
     )
     if table.first is None and first == 0:
         warn(
