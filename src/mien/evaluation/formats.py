@@ -80,7 +80,7 @@ def _latex(text: str) -> str:
 
 
 def _html_cell(cell: str) -> str:
-    number = cell[:1].isdigit() or cell[:2].lstrip("-")[:1].isdigit()
+    number = cell.removeprefix("-")[:1].isdigit()
     return f'<td class="{"number" if number else "text"}">{html.escape(cell)}</td>'
 
 
