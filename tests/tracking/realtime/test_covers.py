@@ -17,8 +17,8 @@ HALF = np.array([300.0] * 5 + [3.0] * 5)
 """Squared distances of a row whose first half is covered."""
 
 
-def _covers(eyes: Mask | None = None) -> Covers:
-    return Covers(IN_A_ROW, ~ALL if eyes is None else eyes, VisibilitySettings())
+def _covers(eyes: Mask = ~ALL, mouth: Mask = ~ALL) -> Covers:
+    return Covers(IN_A_ROW, eyes, mouth, VisibilitySettings())
 
 
 def _after(*frames: Array) -> list[int]:
@@ -92,6 +92,16 @@ def test_eyes_alone_are_not_covered() -> None:
     covers = _covers(HALF > 100)
     covers.update(HALF, ALL, CAME)
     assert not covers.covered.any()
+
+
+@pytest.mark.parametrize(
+    ("of_the_mouth", "covered"), [([0, 1, 2, 3, 4], []), ([0, 1, 2], []), ([0, 1], [0, 1, 2, 3, 4])]
+)
+def test_a_mouth_is_covered_only_if_enough_else_is(of_the_mouth: list[int], covered: list[int]) -> None:
+    """It may have opened."""
+    covers = _covers(mouth=np.isin(np.arange(10), of_the_mouth))
+    covers.update(HALF, ALL, CAME)
+    assert list(np.flatnonzero(covers.covered)) == covered
 
 
 @pytest.mark.parametrize("facing", [ALL, ~ALL])

@@ -3,7 +3,8 @@
 The robust weights of Eq. (9) ignore a landmark that is covered. One at the edge of a cover still looks a little like
 itself, and more so from a wrong pose; and in a turn, where the appearance is learned, what lies on the face would be
 learned as its look. So landmarks that something covers take no part in the next frame, nor do those beside them that
-look strange, nor is their look learned.
+look strange, nor is their look learned. Mouth and chin are not covered alone: a mouth that opens wide looks strange as
+suddenly, and where something covers nothing else the robust weights are enough.
 """
 
 from __future__ import annotations
@@ -38,11 +39,12 @@ class Covers:
     face since; weight: (n,) factor of their weights in the next frame.
     """
 
-    def __init__(self, neutral: Array, eyes: Mask, settings: VisibilitySettings) -> None:
-        """neutral: (n, 3) landmarks at rest; eyes: (n,) which of them are the eyes', which blink."""
+    def __init__(self, neutral: Array, eyes: Mask, mouth: Mask, settings: VisibilitySettings) -> None:
+        """neutral: (n, 3) landmarks at rest; eyes, mouth: (n,) which of them are the eyes', which blink, and those of
+        mouth and chin, which open."""
         self.settings = settings
         self.beside = np.linalg.norm(neutral[:, None] - neutral, axis=2) < _BESIDE
-        self.telling = ~eyes
+        self.telling, self.mouth = ~eyes, mouth
         self.forget()
 
     def forget(self) -> None:
@@ -62,17 +64,21 @@ class Covers:
         their patches agree with the last frame's, agreement (n,)."""
         least = self.settings.least_covered
         self.covered, self.suspected, self.weight = _updated(
-            self.covered, self.suspected, d2, facing, agreement, self.telling, self.beside, least
+            (self.covered, self.suspected), d2, facing, agreement, (self.telling, self.mouth, self.beside), least
         )
 
 
 @kernel(fastmath={"contract"})
-def _updated(
-    covered: Any, suspected: Any, d2: Any, facing: Any, agreement: Any, telling: Any, beside: Any, least: int
-) -> Any:
-    """`covered`, `suspected` and `weight` (n,) of `Covers` after a frame. beside: (n, n) which landmarks lie beside
-    each other; least: how many have to be covered to be believed."""
-    n, count, found = d2.size, 0, 0
+def _updated(before: Any, d2: Any, facing: Any, agreement: Any, of: Any, least: int) -> Any:
+    """`covered`, `suspected` and `weight` (n,) of `Covers` after a frame.
+
+    before: `covered` and `suspected` before it; of: which landmarks (n,) can tell, which belong to the mouth, and which
+    (n, n) lie beside each other; least: how many have to be covered to be believed, all but one elsewhere than at the
+    mouth.
+    """
+    covered, suspected = before
+    telling, mouth, beside = of
+    n, count, found, elsewhere = d2.size, 0, 0, 0
     shown, alone, now, suspects, weight = (
         np.empty(n), np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n)
     )  # fmt: skip
@@ -86,9 +92,11 @@ def _updated(
         beyond = _STILL_COVERED if covered[i] else _COVERED
         alone[i] = facing[i] and telling[i] and (covered[i] or suspects[i]) and d2[i] > beyond * usual
         found += alone[i]
+        elsewhere += alone[i] and not mouth[i]
+    believed = found >= least and elsewhere >= least - 1
     for i in range(n):
-        now[i] = alone[i] and found >= least
-        if facing[i] and d2[i] > usual and found >= least:
+        now[i] = alone[i] and believed
+        if facing[i] and d2[i] > usual and believed:
             for j in range(n):
                 now[i] = now[i] or (alone[j] and beside[j, i])
         now[i] = now[i] or (covered[i] and not facing[i])

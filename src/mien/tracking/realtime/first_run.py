@@ -96,7 +96,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (kernels.student_information, (*[_array(1)] * 3, 0.0, 0.0)),
     (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1), _array(1), 0.0)),
     (solution._judge, (_array(1), _array(1), 0.0, _SEEN, _array(1), 0.0, 1)),
-    (covers._updated, (_SEEN, _SEEN, _array(1), _SEEN, _array(1), _SEEN, _array(2, np.bool_), 1)),
+    (covers._updated, ((_SEEN, _SEEN), _array(1), _SEEN, _array(1), (_SEEN, _SEEN, _array(2, np.bool_)), 1)),
     (uncertainty.visibility, (_array(1), _SEEN, _array(1), _SEEN)),
     (face_camera._homographies, (_array(1), _array(2), 0.0, 0.0, 0.0, 1)),
     (crop._bounds, (_array(2), 1, 1, 1)),

@@ -110,7 +110,7 @@ class Person:
         self.temples = np.array([name in _TEMPLES for name in TRACKED])
         self.least_variance = np.where(self.temples, s.misplacement.temple_sd, s.misplacement.least_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
-        self.covers = Covers(face.neutral, self.eyes, s.visibility)
+        self.covers = Covers(face.neutral, self.eyes, self.mouth, s.visibility)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
         self.learned_shut = opening_of(dict(zip(TRACKED, face.neutral, strict=True))) < _SHUT
 
