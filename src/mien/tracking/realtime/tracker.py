@@ -251,7 +251,9 @@ class RealtimeTracker:
     def landmark_depths(self, R: Array, t: Array, animation: Array, closed: float) -> Array:
         """Depths (26,) in CANDIDE units of the landmarks of an earlier estimate, by the shape that is known now. R:
         its `model_rotation`; closed: how far the eyes were."""
-        return np.asarray(self._reported_landmarks(Pose(R, t, animation), closed)[0][:, 2])
+        # An estimate's arrays are read-only: for such the kernel would be compiled once more.
+        pose = Pose(R.copy(), t.copy(), animation.copy())
+        return np.asarray(self._reported_landmarks(pose, closed)[0][:, 2])
 
     def _search(self, frame: Frame) -> tuple[View, Solution]:
         """The best solution near the prediction; coarse to fine where the first one does not look like the face."""
