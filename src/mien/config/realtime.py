@@ -53,7 +53,7 @@ class VisibilitySettings(Settings):
         0.3, gt=0, description="share of graphics in a landmark's surroundings above which it is hidden"
     )
     least_covered: int = Field(
-        4, ge=1, description="number of landmarks that something on the face covers at least, one of the mouth's at most"
+        4, ge=1, description="number of landmarks that something on the face covers at least, at most one at the mouth"
     )
     closing_share: float = Field(0.25, gt=0, description="eye closure above which the eye landmarks are ignored")
 
