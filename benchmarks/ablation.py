@@ -158,7 +158,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "full": RealtimeTracker,
     "appearance from the front only": FrontalAppearance,
     "one Gaussian for all views, as in the paper": OneGaussian,
-    "5x5 views, not 10x10": _set("views", per_angle=5),
+    "5x5 views, not 10x10": _set("views", per_angle=5, coarse_per_angle=5),
     "views evenly to 40 degrees of pan, not 50": _set("views", limit_pan_deg=40, crowding=1),
     "no views from far aside": OfTheFrontAlone,
     "views weigh alike, however a landmark faces them": _set("views", sidelong_weight=1),

@@ -100,6 +100,13 @@ def test_landmarks_are_those_of_the_first_frame_and_move_with_the_face() -> None
     assert np.linalg.norm(off - beside, axis=1).mean() < 0.7  # 0.9 with those of the model
 
 
+def test_each_level_is_learned_from_as_many_views_as_are_set() -> None:
+    face = begun(sequence().frames[0], RealtimeSettings(views=ViewSettings(per_angle=8, coarse_per_angle=5))).face
+    for level, count in ((face.fine, 8), (face.coarse, 5)):
+        assert [len(angles) for angles in level.views] == [count, count]
+        assert len(level.appearance.lack_of_fit) == count**2
+
+
 def test_light_is_in_the_covariance_and_not_in_the_mean() -> None:
     def learned(light_contrast: float) -> PoseRegression:
         tracker = begun(sequence().frames[0], RealtimeSettings(views=ViewSettings(light_contrast=light_contrast)))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mien.arrays import Array, Mask
-from mien.errors import require
+from mien.errors import MienError, require
 from mien.evaluation.points12 import count_of_points
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import SCHEMES, Landmarks
@@ -50,7 +50,8 @@ class Truth:
             frames, R = np.flatnonzero(self.known), self.rotations[self.known]
             off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0)
             wrong = frames[(off > _ROUNDED) | (np.linalg.det(R) < 0)]
-            require(not wrong.size, f"the true rotation of frame {wrong[:1].sum()} is no rotation matrix")
+            if wrong.size:
+                raise MienError(f"the true rotation of frame {wrong[0]} is no rotation matrix")
 
     @property
     def has_pose(self) -> bool:

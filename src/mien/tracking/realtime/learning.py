@@ -79,7 +79,8 @@ def learn_face(
     background = _around(part.gray)
     noise = noise_sd(part.gray)
     posed = _PosedFace(part, eyes, background, noise, surface, (points - fit.t) @ fit.R, normals, fit, near)
-    coarse, fine = (_learn_level(posed, d, settings) for d in (settings.coarse, settings.descriptor))
+    coarse = _learn_level(posed, settings.coarse, settings.views.coarse_per_angle, settings)
+    fine = _learn_level(posed, settings.descriptor, settings.views.per_angle, settings)
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = (_patches_on(surface, points, fit, camera, settings.motion) - points[:, None]) @ fit.R
     return LearnedFace(neutral, normals, np.ascontiguousarray(patches), coarse, fine)
@@ -194,9 +195,10 @@ class _Changes:
     contrast: float
 
 
-def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, s: RealtimeSettings) -> Level:
-    """The level of a resolution, which learns the one for a face that has turned aside when that is needed."""
-    renderer, evenly = _ViewRenderer(face, descriptor), np.linspace(-1, 1, s.views.per_angle)
+def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, per_angle: int, s: RealtimeSettings) -> Level:
+    """The level of a resolution, from `per_angle` tilts and pans, which learns the one for a face that has turned aside
+    when that is needed."""
+    renderer, evenly = _ViewRenderer(face, descriptor), np.linspace(-1, 1, per_angle)
     limit = np.radians([s.views.limit_tilt_deg, s.views.limit_pan_deg])
     tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.views.crowding)
     further = np.radians(np.linspace(s.views.limit_pan_deg, s.views.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])

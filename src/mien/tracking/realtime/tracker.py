@@ -134,8 +134,8 @@ class RealtimeTracker:
         if self.closing is None:
             warn(
                 f"the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, so that "
-                "eyes_closed is not estimated; `mien landmarks` with --start finds landmarks where they are open, and "
-                "--landmarks learns it there"
+                "eyes_closed is not estimated; begin where they are open; in a file, `mien landmarks` with --start "
+                "finds landmarks there, and --landmarks learns the face from them"
             )
         return solution
 
