@@ -117,6 +117,19 @@ def test_a_truncated_file_gives_what_decodes_and_a_warning(tmp_path: Path, endin
     np.testing.assert_array_equal(frames[20].pixels, images[20])
 
 
+def test_a_file_that_lacks_half_a_second_at_its_end_is_said_to_be_truncated(tmp_path: Path) -> None:
+    """A Matroska file whose last packets are gone, as one cut between two of them; that and no error tells it."""
+    rng = np.random.default_rng(0)
+    path = write_video(tmp_path / "whole.mkv", [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(100)])
+    assert len(frames_of(path)) == 100
+    with av.open(str(path)) as container:
+        place = [packet.pos for packet in container.demux(video=0) if packet.size][87]
+    cut = tmp_path / "cut.mkv"
+    cut.write_bytes(path.read_bytes()[:place])
+    with pytest.warns(MienWarning, match=r"cut\.mkv is truncated or damaged: 8\d frames"):
+        assert 85 < len(list(open_video(cut))) < 89
+
+
 def test_a_file_is_whole_where_its_sound_is_longer(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     whole, cut = tmp_path / "whole.mkv", tmp_path / "cut.mkv"

@@ -23,8 +23,8 @@ from mien.video.scaling import same_size
 _MAXIMUM_ASPECT = 4.0
 """Pixel aspect ratio above which (or below whose inverse) the header is taken to be wrong."""
 _MISSING_S = 0.2
-"""Seconds without frames from which they are warned of in formats that state no number of frames, where those that are
-damaged leave no other trace."""
+"""Seconds without frames, on the way or at an end that is known, from which they are warned of in formats that state no
+number of frames, where those that are damaged leave no other trace."""
 _FASTEST, _FIRST_PACKETS = 250.0, 64
 """Frames per second up to which a header is believed, as what browsers record states a clock's 1000; and the number of
 packets that are looked at otherwise."""
@@ -35,7 +35,8 @@ class VideoFile:
     """A file that FFmpeg reads, with what its header states; 0 means not stated.
 
     begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height; may_jump: whether
-    the container format allows files to be concatenated, so that time may jump back.
+    the container format allows files to be concatenated, so that time may jump back; exact: whether the duration is
+    certainly not that of the sound.
     """
 
     path: Path
@@ -45,6 +46,7 @@ class VideoFile:
     declared: int
     aspect: float = 1.0
     may_jump: bool = False
+    exact: bool = False
 
     repeatable = True
     stopped = None
@@ -117,10 +119,10 @@ class VideoFile:
             warn(f"{self.path}: {clock.missing:.2f} s of it have no frames, {where}; it may be damaged, or cut")
 
     def _ends_early(self, count: int, until: float) -> bool:
-        """Whether frames are missing after `until`; without a stated count, the duration may be that of the audio."""
+        """Whether frames are missing after `until`."""
         missing = self.begin + self.duration - until
         if self.declared == 0:
-            return missing > max(1.0, 0.05 * self.duration)
+            return missing > (_MISSING_S if self.exact else max(1.0, 0.05 * self.duration))
         # A part that was cut out without decoding has frames before it that count, but are not shown.
         return missing * self.fps > max(0.5, 0.5 * (self.declared - count)) and count < self.declared
 
@@ -134,13 +136,14 @@ def open_file(path: Path) -> VideoFile:
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
             length = stream.frames / fps
-        matroska = "matroska" in container.format.name
+        matroska, tagged = "matroska" in container.format.name, _tagged_end(stream)
         if matroska:  # its duration is the end time of the last frame, or of the sound if that is longer
-            length = max((_tagged_end(stream) or length) - begin, 0)
+            length = max((tagged or length) - begin, 0)
         aspect = float(stream.sample_aspect_ratio or 1)
         aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
-        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump)
+        exact = matroska and (tagged is not None or len(container.streams) == 1)
+        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump, exact)
 
 
 def _tagged_end(stream: Any) -> float | None:
