@@ -150,7 +150,7 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
     with pytest.raises(MienError, match=r"a_script:Whole called sys\.exit\('done'\)"):
         create_tracker("a_script:Whole")
     for name in ("not_there_at_all:Whole", ":Whole", ".own_trackers_here:Whole"):
-        with pytest.raises(MienError, match=f"unknown tracker '{re.escape(name)}'"):
+        with pytest.raises(MienError, match=f"unknown tracker '{re.escape(name)}'; .*realtime:FILE or paper:FILE with"):
             create_tracker(name)
     with pytest.raises(MienError, match="math:sin cannot be created"):
         create_tracker("math:sin")

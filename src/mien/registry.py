@@ -66,7 +66,7 @@ def create_tracker(name: str) -> Tracker:
         found = _module(module) if cls and module and not module.startswith(".") else None
     require(
         found is not None,
-        f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, or MODULE:CLASS of your own",
+        unknown(name),
     )
     tracker = getattr(found, cls, None)
     require(callable(tracker), f"{name}: the module {module} has no class {cls}")
@@ -82,6 +82,15 @@ def create_tracker(name: str) -> Tracker:
     missing = [method for method in ("initialize", "track") if not callable(getattr(made, method, None))]
     require(not missing, f"{name} has no method {' and no '.join(missing)}; see mien.Tracker")
     return made
+
+
+def unknown(name: str) -> str:
+    """What an error says of an unknown tracker: the names that there are."""
+    with_settings = " or ".join(f"{known}:FILE" for known in SETTINGS)
+    return (
+        f"unknown tracker {name!r}; the trackers are {', '.join(TRACKERS)}, {with_settings} with the settings of a "
+        "file, or MODULE:CLASS of your own"
+    )
 
 
 def checked(returned: object, tracker: Tracker, frame: Frame) -> Estimate:
