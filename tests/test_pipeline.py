@@ -27,6 +27,7 @@ from mien.geometry.rotation import FACING, exp
 from mien.graphics import Graphics
 from mien.initialization.landmarks import Landmarks, Point
 from mien.output.destination import Destination
+from mien.output.recorder import Recorder
 from mien.pipeline import passes, run
 from mien.pipeline import track as pipeline
 from mien.start import first_frame
@@ -335,6 +336,24 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
 
     use_tracker(monkeypatch, lambda name: Diary([]))
     monkeypatch.setattr(passes, "drawing", drawing)
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
+    with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=marks, save=tmp_path / "out")
+    assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
+
+
+def test_stopped_while_a_row_of_the_way_back_is_recorded_it_is_there_once(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    def add(recorder: Recorder, estimate: Estimate) -> None:
+        recorded(recorder, estimate)
+        if estimate.index == 1:
+            monkeypatch.setattr(Recorder, "add", recorded)
+            raise KeyboardInterrupt
+
+    recorded = Recorder.add
+    use_tracker(monkeypatch, lambda name: Diary([]))
+    monkeypatch.setattr(Recorder, "add", add)
     marks = replace(face().landmarks, frame_index=3, time=0.12)
     with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(folder, landmarks=marks, save=tmp_path / "out")

@@ -43,6 +43,7 @@ class Recorder:
         self.mm_per_unit = 1.0
         self.turn = np.eye(3)
         self._buffer: list[Estimate] = []
+        self._written = 0  # bytes of the file that hold whole batches; an interrupt may leave a part of one after them
         self._model_rotations = array("d")
         with named_errors(self.path):
             folder = None if path is None else path.parent
@@ -96,7 +97,8 @@ class Recorder:
         if self._buffer:
             table = table_from_estimates(self._buffer, self.face_id)
             with named_errors(self.path):
+                self._file.seek(self._written)
                 with pa.ipc.new_stream(self._file, table.schema) as stream:
                     stream.write_table(table)
                 self._file.flush()
-            self._buffer.clear()
+                self._written, self._buffer = self._file.tell(), []

@@ -80,7 +80,7 @@ def _run_pass(this: Pass) -> tuple[Track, Pass]:
             # Until it has tracked a frame, the tracker of the way forwards knows no face.
             learned = onwards if recorder.last_index >= this.begin.first.index else this
             drawn = recorder.count > 0 and isinstance(error, KeyboardInterrupt)  # else its overlay is discarded
-            for index in sorted(earlier):
+            for index in sorted(index for index in earlier if index > recorder.last_index):
                 recorder.add(earlier[index])
             _write_stopped(learned, recorder, error, drawn)
             if error is raised:
