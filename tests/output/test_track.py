@@ -6,6 +6,8 @@ import json
 import math
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from csv import QUOTE_NONNUMERIC
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
@@ -377,6 +380,27 @@ def test_recorder_can_give_what_there_is_and_go_on(mapped_bytes: int, monkeypatc
         assert recorder.table().column("frame").to_pylist() == [0, 1]
 
 
+def test_recorder_that_is_interrupted_while_it_writes_has_each_row_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By Ctrl-C after a batch is in the file; `Track.read` takes no two rows for one frame."""
+
+    @contextmanager
+    def interrupted(*arguments: Any) -> Iterator[pa.ipc.RecordBatchStreamWriter]:
+        monkeypatch.undo()
+        with pa.ipc.new_stream(*arguments) as stream:
+            yield stream
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pa.ipc, "new_stream", interrupted)
+    with Recorder() as recorder:
+        for k in range(BATCH - 1):
+            recorder.add(estimate(k))
+        with pytest.raises(KeyboardInterrupt):
+            recorder.add(estimate(BATCH - 1))
+        assert recorder.table().column("frame").to_pylist() == list(range(BATCH))
+        recorder.add(estimate(BATCH))
+        assert recorder.table().column("frame").to_pylist() == list(range(BATCH + 1))
+
+
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux, which says what files are open")
 def test_tracks_that_are_kept_hold_no_files_open() -> None:
     """A process may have 1024 of them, on macOS 256: tracking many videos would end there."""
@@ -494,6 +518,20 @@ def test_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -
     words = ['smiles, "broadly"'] * len(track)
     replace(track, table=track.table.append_column("note", pa.array(words))).save(tmp_path / "out.csv")
     assert Track.read(tmp_path / "out.csv").table["note"].to_pylist() == words
+
+
+@pytest.mark.parametrize("kind", [pa.large_string(), pa.dictionary(pa.int32(), pa.string())])
+def test_text_as_other_programs_store_it_is_written(kind: pa.DataType, track: Track, tmp_path: Path) -> None:
+    """Polars and pandas 3 write large strings to a Parquet file, and pandas its categories."""
+    words = pa.array(["smiles, broadly", None] * (len(track) // 2))
+    table = track.table.append_column("note", words.cast(kind))
+    for name in ("status", "reason"):
+        table = table.set_column(table.column_names.index(name), name, table.column(name).cast(kind))
+    parquet.write_table(table, tmp_path / "others.parquet")
+    Track.read(tmp_path / "others.parquet").save(tmp_path / "out.csv")
+    again = Track.read(tmp_path / "out.csv")
+    assert again.table["note"].to_pylist() == words.to_pylist()
+    assert again.status == track.status
 
 
 def test_a_reason_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -> None:

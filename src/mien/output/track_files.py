@@ -109,7 +109,9 @@ def write_csv(table: pa.Table, path: Path) -> None:
     """Write a NAME.csv, in which only what needs it is quoted."""
     from pyarrow import compute, csv
 
-    text = [field.name for field in table.schema if pa.types.is_string(field.type)]
+    plain = [field.with_type(pa.string()) if _is_text(field.type) else field for field in table.schema]
+    table = table.cast(pa.schema(plain))
+    text = [field.name for field in plain if pa.types.is_string(field.type)]
     special = (compute.match_substring_regex(table.column(name), '[",\r\n]') for name in text)
     quoting = "needed" if any(compute.any(found).as_py() for found in special) else "none"
     options = csv.WriteOptions(include_header=False, quoting_style=quoting)
@@ -118,6 +120,12 @@ def write_csv(table: pa.Table, path: Path) -> None:
         writer(header, lineterminator="\n").writerow(table.column_names)
         f.write(header.getvalue().encode())
         csv.write_csv(table, f, options)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    """Whether a column holds text, also as Polars and pandas store it: as large strings or as categories."""
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def write_json(metadata: Mapping[str, Any], path: Path) -> None:
