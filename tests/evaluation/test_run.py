@@ -147,6 +147,14 @@ def test_expressions_that_hardly_change_are_none(opening: float, moves: bool, se
     assert Score(result, Protocol.REBASED, 30.0).expression_moves is moves
 
 
+def test_expressions_move_also_where_frames_have_no_truth(sequence: Sequence) -> None:
+    opened = np.linspace(0, 0.5, FRAMES)[:, None]
+    opened[1] = np.nan
+    truth = Truth(FRAMES, expression=opened, expression_names=("jawOpen",))
+    result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: truth), FIRST)
+    assert Score(result, Protocol.REBASED, 30.0).expression_moves is True
+
+
 def test_jitter_is_that_of_tracked_frames(sequence: Sequence) -> None:
     """In a lost frame the last rotation is held, and the head goes on."""
     tracker = _perfect()

@@ -120,7 +120,8 @@ class Score:
         if truth is None or truth.expression is None:
             return None
         moves = [metrics.counterpart(u, truth.expression, truth.expression_names) for u in EXPRESSION_NAMES]
-        return any(m is not None and float(np.ptp(m)) > 0.05 for m in moves)
+        known = (m[np.isfinite(m)] for m in moves if m is not None)
+        return any(m.size > 0 and float(np.ptp(m)) > 0.05 for m in known)
 
     @property
     def unit_correlations(self) -> Array:
