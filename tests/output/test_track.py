@@ -534,6 +534,16 @@ def test_text_as_other_programs_store_it_is_written(kind: pa.DataType, track: Tr
     assert again.status == track.status
 
 
+def test_other_types_of_the_columns_of_a_parquet_are_read_as_those_of_mien(track: Track, tmp_path: Path) -> None:
+    """As pandas makes them of what somebody has computed with."""
+    kinds = {"success": pa.bool_(), "frame": pa.float32(), "confidence": pa.float32(), "status": pa.large_string()}
+    fields = [(field.name, kinds.get(field.name, field.type)) for field in track.table.schema]
+    parquet.write_table(track.table.cast(pa.schema(fields)), tmp_path / "others.parquet")
+    again = Track.read(tmp_path / "others.parquet")
+    assert again.table.equals(track.table)
+    assert again.without(["hidden"] * len(track)).lost == len(track)
+
+
 def test_a_reason_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -> None:
     """Also where the table, of another tool, had no reasons."""
     reasons = ["behind a hand, it seems", *([None] * (len(track) - 1))]

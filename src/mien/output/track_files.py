@@ -173,7 +173,10 @@ def _read_csv(path: Path, only: Collection[str] | None) -> pa.Table:
 
 
 def _read_parquet(path: Path, only: Collection[str] | None) -> pa.Table:
+    """The table of a Parquet file, possibly rewritten by pandas or Polars with other types of the same columns."""
     from pyarrow import parquet
 
     with path.open("rb") as stream:
-        return parquet.read_table(stream, columns=None if only is None else sorted(only))
+        table = parquet.read_table(stream, columns=None if only is None else sorted(only))
+    fields = [(field.name, column_type(field.name) or field.type) for field in table.schema]
+    return table.cast(pa.schema(fields, table.schema.metadata))
