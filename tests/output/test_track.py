@@ -520,6 +520,13 @@ def test_a_column_of_ones_own_may_contain_commas(track: Track, tmp_path: Path) -
     assert Track.read(tmp_path / "out.csv").table["note"].to_pylist() == words
 
 
+def test_a_column_of_ones_own_may_have_had_commas_where_the_face_is_lost(track: Track, tmp_path: Path) -> None:
+    words = ["smiles, broadly", *["calm"] * (len(track) - 1)]
+    own = replace(track, table=track.table.append_column("note", pa.array(words)))
+    own.without(["hidden", *[None] * (len(track) - 1)]).save(tmp_path / "out.csv")
+    assert Track.read(tmp_path / "out.csv").table["note"].to_pylist() == [None, *words[1:]]
+
+
 @pytest.mark.parametrize("kind", [pa.large_string(), pa.dictionary(pa.int32(), pa.string())])
 def test_text_as_other_programs_store_it_is_written(kind: pa.DataType, track: Track, tmp_path: Path) -> None:
     """Polars and pandas 3 write large strings to a Parquet file, and pandas its categories."""

@@ -114,6 +114,10 @@ def write_csv(table: pa.Table, path: Path) -> None:
     text = [field.name for field in plain if pa.types.is_string(field.type)]
     special = (compute.match_substring_regex(table.column(name), '[",\r\n]') for name in text)
     quoting = "needed" if any(compute.any(found).as_py() for found in special) else "none"
+    if quoting == "none":  # then PyArrow refuses special characters also in what an empty cell held before
+        for name in text:
+            filled = compute.fill_null(table.column(name), "")
+            table = table.set_column(table.column_names.index(name), name, filled)
     options = csv.WriteOptions(include_header=False, quoting_style=quoting)
     with path.open("wb") as f:
         header = StringIO()
