@@ -323,6 +323,14 @@ def test_stopped_on_the_way_back_the_rows_are_kept(
     assert not kept.metadata["complete"]
 
 
+def assert_all_rows_are_kept_on_the_way_back(folder: Path, out: Path) -> None:
+    """With a tracker that is interrupted there."""
+    marks = replace(face().landmarks, frame_index=3, time=0.12)
+    with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=marks, save=out)
+    assert mien.Track.read(out).index.tolist() == [0, 1, 2]
+
+
 def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
     monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
 ) -> None:
@@ -336,10 +344,7 @@ def test_stopped_while_the_way_back_is_drawn_all_rows_are_kept(
 
     use_tracker(monkeypatch, lambda name: Diary([]))
     monkeypatch.setattr(passes, "drawing", drawing)
-    marks = replace(face().landmarks, frame_index=3, time=0.12)
-    with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
-        mien.track(folder, landmarks=marks, save=tmp_path / "out")
-    assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
+    assert_all_rows_are_kept_on_the_way_back(folder, tmp_path / "out")
 
 
 def test_stopped_while_a_row_of_the_way_back_is_recorded_it_is_there_once(
@@ -354,10 +359,7 @@ def test_stopped_while_a_row_of_the_way_back_is_recorded_it_is_there_once(
     recorded = Recorder.add
     use_tracker(monkeypatch, lambda name: Diary([]))
     monkeypatch.setattr(Recorder, "add", add)
-    marks = replace(face().landmarks, frame_index=3, time=0.12)
-    with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
-        mien.track(folder, landmarks=marks, save=tmp_path / "out")
-    assert mien.Track.read(tmp_path / "out").index.tolist() == [0, 1, 2]
+    assert_all_rows_are_kept_on_the_way_back(folder, tmp_path / "out")
 
 
 def test_stopped_after_the_last_frame_all_rows_are_kept(
