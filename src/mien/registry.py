@@ -64,10 +64,7 @@ def create_tracker(name: str) -> Tracker:
     module, _, cls = TRACKERS.get(known, name).partition(":")
     with _no_exit(name):
         found = _module(module) if cls and module and not module.startswith(".") else None
-    require(
-        found is not None,
-        unknown(name),
-    )
+    require(found is not None, unknown_tracker(name))
     tracker = getattr(found, cls, None)
     require(callable(tracker), f"{name}: the module {module} has no class {cls}")
     assert tracker is not None
@@ -84,7 +81,7 @@ def create_tracker(name: str) -> Tracker:
     return made
 
 
-def unknown(name: str) -> str:
+def unknown_tracker(name: str) -> str:
     """What an error says of an unknown tracker: the names that there are."""
     with_settings = " or ".join(f"{known}:FILE" for known in SETTINGS)
     return (

@@ -14,7 +14,7 @@ from mien._version import __version__
 from mien.errors import MienError, require
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, protocol_named
 from mien.files import exists, whole_file
-from mien.registry import TRACKERS, argument_of, code_of, file_of, unknown
+from mien.registry import TRACKERS, argument_of, code_of, file_of, unknown_tracker
 
 LANDMARK_SOURCES = ("detected", "truth")
 
@@ -166,7 +166,7 @@ def command_of(plan: Plan) -> str:
 def _require_known(tracker: str) -> None:
     """Raise MienError for an unknown tracker before anything runs."""
     name, _, argument = tracker.partition(":")
-    require(name in TRACKERS or bool(argument), unknown(tracker))
+    require(name in TRACKERS or bool(argument), unknown_tracker(tracker))
     if name == "openface":
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
         require(exists(Path(argument)), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
