@@ -8,6 +8,7 @@ uncertain instead of wrong.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -52,19 +53,17 @@ def shape_prior(model: Candide) -> ShapePrior:
 
 def _smooth_fields(vertices: Array) -> Array:
     """Displacement fields (M, V, 3): the scaled principal modes of a Gaussian process over the vertices."""
+    near, mirrored = proximity(vertices, vertices), proximity(vertices, vertices * [-1, 1, 1])
+    modes = {sign: np.linalg.eigh(0.5 * (near + sign * mirrored)) for sign in (1.0, -1.0)}
     fields = []
-    for axis in range(3):
-        for parity in (1.0, -1.0):
-            # In a symmetric field, x changes sign between the sides of the face, and y and z do not.
-            sign = parity * (-1.0 if axis == 0 else 1.0)
-            K = 0.5 * (proximity(vertices, vertices) + sign * proximity(vertices, vertices * [-1, 1, 1]))
-            sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)
-            values, vectors = np.linalg.eigh(K)
-            kept = values > 0.02
-            modes = vectors[:, kept] * (sd * np.sqrt(values[kept]))
-            block = np.zeros((modes.shape[1], len(vertices), 3))
-            block[:, :, axis] = modes.T
-            fields.append(block)
+    for axis, parity in product(range(3), (1.0, -1.0)):
+        # In a symmetric field, x changes sign between the sides of the face, and y and z do not.
+        values, vectors = modes[parity * (-1.0 if axis == 0 else 1.0)]
+        kept = values > 0.02
+        sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)
+        block = np.zeros((int(kept.sum()), len(vertices), 3))
+        block[:, :, axis] = (vectors[:, kept] * (sd * np.sqrt(values[kept]))).T
+        fields.append(block)
     return np.concatenate(fields)
 
 

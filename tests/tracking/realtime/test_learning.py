@@ -24,7 +24,7 @@ def test_the_eyes_of_a_face_move_as_those_of_its_mirror_image() -> None:
 
     mirrored = {"half": "half", "shut": "shut", "left": "right", "right": "left"}
     renderer: Any = SimpleNamespace(
-        posed=lambda R: R, describe=describe, moved_eyes=list(mirrored),
+        posed=lambda R: SimpleNamespace(of=lambda view: R[view]), describe=describe, moved_eyes=list(mirrored),
         face=SimpleNamespace(noise=0.0, points=np.zeros((1, 3))),
     )  # fmt: skip
     tilts, pans = np.radians([-20.0, -5, 5, 20]), np.radians([-40.0, -25, -10, 10, 25, 40])

@@ -103,6 +103,21 @@ class _PosedFace:
     camera: Camera
 
 
+@dataclass(frozen=True)
+class _Posed:
+    """The face in one or more views: rotations R (..., 3, 3), surface (..., V, 3) and landmarks (..., n, 3) in camera
+    axes, and where these are in the image, pixels (..., n, 2)."""
+
+    R: Array
+    vertices: Array
+    points: Array
+    pixels: Array
+
+    def of(self, view: tuple[int, ...]) -> _Posed:
+        """One of the views."""
+        return _Posed(self.R[view], self.vertices[view], self.points[view], self.pixels[view])
+
+
 class _ViewRenderer:
     """Renders the face of the first frame at the resolution of a level, and describes its landmarks.
 
@@ -120,10 +135,12 @@ class _ViewRenderer:
         self.size = round(CROP_UNITS * d.pixels_per_unit)
         self.camera = Camera.centred(d.pixels_per_unit * self.distance, self.size, self.size)
 
-    def posed(self, R: Array) -> tuple[Array, Array]:
-        """Surface (V, 3) and landmarks (n, 3) in camera axes at a rotation R (3, 3)."""
-        t = np.array([0, 0, self.distance]) - R @ CENTRE
-        return self.head @ R.T + t, self.face.points @ R.T + t
+    def posed(self, R: Array) -> _Posed:
+        """The face at rotations R (..., 3, 3)."""
+        turned = np.swapaxes(R, -1, -2)
+        t = (np.array([0, 0, self.distance]) - R @ CENTRE)[..., None, :]
+        points = self.face.points @ turned + t
+        return _Posed(R, self.head @ turned + t, points, self.camera.project(points)[0])
 
     @property
     def scale(self) -> float:
@@ -132,33 +149,34 @@ class _ViewRenderer:
 
     def describe(
         self,
-        posed: tuple[Array, Array],
+        posed: _Posed,
         texture: Texture,
         light: Array | None = None,
         noise: Float32 | None = None,
     ) -> tuple[Float32, Float32, Float32]:
         """Descriptors (n, 128) of the landmarks in a view, the same in a light (V,), see `render`, and its depth image;
         noise (size, size): added to the grey values."""
-        d, face, size, (vertices, points) = self.descriptor, self.face, self.size, posed
-        drawn = render(vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
-        pixels = self.camera.project(points)[0]
+        d, face, size = self.descriptor, self.face, self.size
+        drawn = render(posed.vertices, face.surface.triangles, texture, self.camera, size, size, face.background, light)
 
         def of(image: Float32) -> Float32:
             maps = orientation_maps(blurred(image if noise is None else image + noise, d.blur), d.cell)
             # Tracking compiles this kernel anyway, the one without derivatives would take half a second more.
-            return describe_with_jacobian(maps, pixels, d.cell, d.root)[0]
+            return describe_with_jacobian(maps, posed.pixels, d.cell, d.root)[0]
 
         seen = of(drawn.image[:, :, 0])
         return seen, seen if light is None else of(drawn.lit[:, :, 0]), drawn.depth
 
-    def weight(self, points: Array, R: Array, behind: Array, s: RealtimeSettings) -> Array:
-        """How much a view teaches of each landmark (n,): nothing where it is hidden, little where it is seen edge-on.
-        behind: (n,) see `_depth_behind`."""
-        normals = self.face.normals
-        facing = pose_geometry.facing_camera(
-            points, normals, R, self.camera.vector, self.size, self.size, s.visibility.hidden_cosine
-        )
-        cosine = -np.sum(normals @ R.T * points, axis=1) / np.linalg.norm(points, axis=1)
+    def weight(self, posed: _Posed, behind: Array, s: RealtimeSettings) -> Array:
+        """How much views teach of each landmark (..., n): nothing where it is hidden, little where it is seen edge-on.
+        behind: (..., n) see `_depth_behind`."""
+        points, normals, camera = posed.points, self.face.normals, (self.camera.vector, self.size, self.size)
+        facing = np.empty(behind.shape, bool)
+        for view in np.ndindex(facing.shape[:-1]):
+            of_view = points[view], normals, posed.R[view]
+            facing[view] = pose_geometry.facing_camera(*of_view, *camera, s.visibility.hidden_cosine)
+        normals = normals @ np.swapaxes(posed.R, -1, -2)
+        cosine = -np.sum(normals * points, axis=-1) / np.linalg.norm(points, axis=-1)
         clear = facing & (behind < _CLEAR * s.visibility.hidden_depth)
         least = s.views.sidelong_weight
         return np.asarray(clear * (least + (1 - least) * np.maximum(cosine, 0) ** 2))
@@ -219,17 +237,21 @@ def _render_views(
 ) -> tuple[_Views, Float32]:
     """Render the face at these tilts and pans, and describe it; also by the descriptors (tilts, pans, n, 128) in other
     lights (tilts, pans, 3), see `spread_lights`, which without them are the same."""
-    views = []
-    for i, j in np.ndindex(len(tilts), len(pans)):
-        R = rotation(tilts[i], pans[j], 0.0)
-        posed = renderer.posed(R)
-        light = None if lights is None else np.exp(renderer.normals @ R.T @ lights[i, j])
-        seen, lit, depth = renderer.describe(posed, renderer.texture, light)
-        behind = _depth_behind(posed[1], depth, renderer.camera)
-        views.append((seen, renderer.weight(posed[1], R, behind, s), behind, lit))
-    parts = (np.array(part, np.float32) for part in zip(*views, strict=True))
-    *of_views, lit = (part.reshape(len(tilts), len(pans), *part.shape[1:]) for part in parts)
-    return _Views(tilts, pans, *of_views), lit
+    posed = renderer.posed(_rotations(tilts, pans))
+    light = None if lights is None else np.exp(renderer.normals @ np.swapaxes(posed.R, -1, -2) @ lights[..., None])
+    shape = (*posed.points.shape[:-1], LENGTH)
+    seen, lit, behind = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape[:-1])
+    for view in np.ndindex(posed.R.shape[:2]):
+        one, of_view = posed.of(view), None if light is None else light[view][:, 0]
+        seen[view], lit[view], depth = renderer.describe(one, renderer.texture, of_view)
+        behind[view] = _depth_behind(one, depth)
+    weight = renderer.weight(posed, behind, s)
+    return _Views(tilts, pans, seen, weight.astype(np.float32), behind.astype(np.float32)), lit
+
+
+def _rotations(tilts: Array, pans: Array) -> Array:
+    """Rotations (k, l, 3, 3) of the views at k tilts and l pans, radians."""
+    return np.array([[rotation(tilt, pan, 0.0) for pan in pans] for tilt in tilts])
 
 
 def _mirrored_pairs(tilts: int, pans: int) -> list[tuple[int, int, int]]:
@@ -251,11 +273,12 @@ def _render_changes(renderer: _ViewRenderer, views: _Views, lit: Float32) -> _Ch
     rendered once more. Light goes into the covariance, not into the mean, which would depend on where it comes from in
     which view."""
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
+    posed = renderer.posed(_rotations(views.tilts, views.pans))
     for k, (i, *columns) in enumerate(_mirrored_pairs(len(views.tilts), len(views.pans))[::_EYE_VIEWS]):
         moved = k % len(_EYES)
         for j, shown in zip(columns, (moved, _MIRRORED_EYES[moved]), strict=True):
-            posed = renderer.posed(rotation(views.tilts[i], views.pans[j], 0.0))
-            eyes[shown].append(renderer.describe(posed, renderer.moved_eyes[shown])[0] - views.seen[i, j])
+            described = renderer.describe(posed.of((i, j)), renderer.moved_eyes[shown])[0]
+            eyes[shown].append(described - views.seen[i, j])
     lights = (lit - views.seen).reshape(-1, *views.seen.shape[2:])
     return _Changes(tuple(np.array(shown) for shown in eyes), lights, *_changes_by_noise(renderer))
 
@@ -288,12 +311,12 @@ def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: Realt
     return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind, noise)
 
 
-def _depth_behind(points: Array, depth: Float32, camera: Camera) -> Array:
-    """How far (n,) points (n, 3) in camera axes lie behind a surface with this depth image (H, W); minus infinity where
-    there is no surface."""
+def _depth_behind(posed: _Posed, depth: Float32) -> Array:
+    """How far (n,) landmarks lie behind the surface in a view with this depth image (H, W); minus infinity where there
+    is no surface."""
     last = np.array(depth.shape[::-1]) - 1
-    x, y = np.clip(np.round(camera.project(points)[0]), 0, last).astype(int).T
-    return np.asarray(points[:, 2] - depth[y, x])
+    x, y = np.clip(np.round(posed.pixels), 0, last).astype(int).T
+    return np.asarray(posed.points[:, 2] - depth[y, x])
 
 
 def _cut_out(frame: Frame, surface: Surface, camera: Camera) -> tuple[Frame, Camera]:
