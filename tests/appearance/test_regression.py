@@ -24,6 +24,13 @@ def _noise(sd: float = 0.1) -> Float32:
     return np.random.default_rng(1).normal(0, sd, (len(GRID), N, 128)).astype(np.float32)
 
 
+def _uneven_noise() -> Float32:
+    """Noise whose variance falls off from direction to direction, to a third over twelve of them, as that of
+    descriptors does."""
+    directions = np.linalg.qr(np.random.default_rng(2).normal(size=(128, 128)))[0]
+    return np.asarray(_noise() * 3 ** (-np.arange(128) / 24) @ directions.T, np.float32)
+
+
 def _values(truth: Float32) -> Float32:
     return np.asarray(np.einsum("vp,npc->vnc", TERMS, truth), np.float32)
 
@@ -61,7 +68,7 @@ def test_a_landmark_that_is_seldom_visible_uses_every_view() -> None:
 
 def test_the_inverse_covariance_against_a_dense_one() -> None:
     """Sigma = I floor + the leading part of the residuals' covariance."""
-    samples = _values(_truth()) + _noise()
+    samples = _values(_truth()) + _uneven_noise()
     learned = PoseRegression.learn(samples, TERMS, EVERYWHERE, LIMIT, FLOOR, RANK)
     residual = samples - np.einsum("vp,npc->vnc", TERMS, learned.coefficients)
     for i in range(N):
