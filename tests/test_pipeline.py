@@ -637,6 +637,24 @@ def test_an_error_on_the_way_keeps_the_rows_and_says_so(
     assert json.loads((tmp_path / "out.json").read_text())["stopped"] == "ZeroDivisionError: a bug"
 
 
+def test_stopped_before_there_is_a_head_to_write_it_says_so_and_where_the_rows_are(
+    tracker: StillTracker, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(frame: Frame) -> Estimate:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tracker, "mesh", lambda estimate: None, raising=False)
+    monkeypatch.setattr(tracker, "track", interrupted)
+    with pytest.warns(MienWarning) as warned, pytest.raises(KeyboardInterrupt):
+        mien.track(folder, landmarks=face().landmarks, save=tmp_path / "out", gltf=tmp_path / "out.glb")
+    said = [str(warning.message) for warning in warned]
+    assert len(said) == 2
+    assert said[0].startswith("stopped after 1 frames, which are in ")
+    assert "out.glb: the track has no mesh" in said[1]
+    assert len(mien.Track.read(tmp_path / "out")) == 1
+    assert not (tmp_path / "out.glb").exists()
+
+
 def test_what_is_no_input_is_named(tracker: StillTracker, folder: Path) -> None:
     marks: Any = face().landmarks
     wrong: list[tuple[Any, dict[str, Any], str]] = [

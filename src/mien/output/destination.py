@@ -88,15 +88,23 @@ class Destination:
             warn(f"{left}; this one has {faces} face{'s' if faces > 1 else ''}")
 
     def write(self, track: Track) -> None:
-        """Write the table, of which NAME.json names the pictures, the plot and the head; the overlay is written
-        while tracking."""
-        for old in (self.plot, self.gltf):  # if this is stopped, none of an earlier track is left with the table
+        """Write the table, the plot and the head; the overlay is written while tracking."""
+        self.write_table(track)
+        self.write_drawn(track)
+
+    def write_table(self, track: Track) -> None:
+        """Write the table, of which NAME.json names the pictures, without the plot and the head of an earlier track: if
+        this is stopped, none of them is left with it."""
+        for old in (self.plot, self.gltf):
             if old is not None:
                 real_path(old).unlink(missing_ok=True)  # a link to it stays
         if self.table is not None:
             pictures = {"overlay": self.overlay, "plot": self.plot}
             names = {name: None if path is None else path.name for name, path in pictures.items()}
             replace(track, metadata={**track.metadata, **names}).save(self.table)
+
+    def write_drawn(self, track: Track) -> None:
+        """Write the plot and the head."""
         if self.plot is not None:
             track.plot(self.plot)
         if self.gltf is not None:

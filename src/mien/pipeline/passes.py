@@ -140,8 +140,13 @@ def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException, draw
     elif recorder.count and table is not None:
         with suppress(MienError):  # the original error matters more than a failure to write the rows
             stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
-            learned.files.write(_track_of(learned, recorder, stopped))
+            track = _track_of(learned, recorder, stopped)
+            learned.files.write_table(track)
             warn(f"stopped after {recorder.count} frames, which are in {table}")
+            try:
+                learned.files.write_drawn(track)
+            except MienError as refused:  # as there may be no head yet
+                warn(str(refused))
 
 
 def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> Track:
