@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,8 +22,9 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks, Point, place_of
 from mien.output.track import Track
+from mien.pipeline.passes import Pass, run_passes
 from mien.synthetic import SyntheticSequence, make_sequence, moved
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, Tracker
 from mien.video import decode_frame, open_video
 from small_motion import face
 from videos import write_video
@@ -127,6 +128,28 @@ def test_what_is_done_is_written_when_it_is_stopped(video: Path, tmp_path: Path)
     assert len(first) == COUNT
     assert 10 < len(second) < COUNT
     assert [track.metadata["complete"] for track in (first, second)] == [False, False]
+
+
+@pytest.mark.usefixtures("detector")
+def test_what_the_second_pass_finds_to_be_another_face_leaves_no_files(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The face on the right, whose second pass follows the one on the left."""
+
+    def run_twice(first: Pass) -> Iterator[tuple[Track, Tracker]]:
+        passed = list(run_passes(first))
+        tracks.append(passed[-1][0])
+        yield from passed
+        if first.face_id == 1:
+            yield replace(tracks[0], metadata=tracks[1].metadata), passed[-1][1]
+
+    tracks: list[Track] = []
+    monkeypatch.setattr("mien.faces.track.run_passes", run_twice)
+    files = {"save": tmp_path / "out.csv", "plot": tmp_path / "out.png", "gltf": tmp_path / "out.glb"}
+    (track,) = track_faces(video, 2, focal_px=FOCAL, at_once=True, **files)
+    assert len(tracks) == 2
+    assert track.metadata["warnings"] == []
+    assert {path.name for path in tmp_path.glob("out*")} == {"out.csv", "out.json", "out.parquet", "out.png", "out.glb"}
 
 
 def test_what_cannot_be_had(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,16 +154,19 @@ def _within(begin: Start, footage: Footage) -> Start:
 def _track_face(first: Pass, others: Sequence[TrackedFace], apart: bool) -> TrackedFace | None:
     """Track a face and write its files; None, without files, if other tracks have it in all but a few frames. apart:
     part of its appearance is another track's, which then has it in more than a few frames if it is the same face."""
-    begin, face = first.begin, None
+    begin, face = first.begin, None  # as the last pass has tracked it
     incomplete = {"complete": False, "stopped": "the other faces are not tracked yet"}
     for result, tracker in run_passes(first):
         track = replace(result, metadata={**result.metadata, **incomplete})
-        face = TrackedFace(track, FaceBoxes(track), tracker, begin.camera)
-        own = len(track) - without_other_faces(face, others).lost
+        tracked = TrackedFace(track, FaceBoxes(track), tracker, begin.camera)
+        own = len(track) - without_other_faces(tracked, others).lost
         shared = len(track) - track.lost - own
         few = min(LEAST_SECONDS * begin.footage.video.fps, 0.5 * len(track))
         if own < few or (apart and shared > few):
+            if face is not None:
+                first.files.remove()
             return None
+        face = tracked
         write_in_any_case(first.files, track)
     return face
 

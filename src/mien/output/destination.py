@@ -81,6 +81,11 @@ class Destination:
         tables = [] if self.table is None else list(track_paths(self.table))
         return tables + [p for p in (self.overlay, self.plot, self.gltf) if p is not None]
 
+    def remove(self) -> None:
+        """Remove what was written."""
+        for path in self.paths():
+            real_path(path).unlink(missing_ok=True)  # a link to it stays
+
     def warn_if_stale(self, faces: int) -> None:
         """Warn if an earlier run with more than this number of faces has left tables, naming them all."""
         if stale := [] if self.table is None else _tables_of_faces(self.table, faces):
