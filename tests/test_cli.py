@@ -615,6 +615,7 @@ def test_landmarks_of_another_time(mien: Command, video: Path, marks: Path) -> N
         (["--camera", "marks.json"], 'marks.json needs {"focal_px"'),
         (["--start", "nan"], "start is nan; give a number"),
         (["--fov", "170"], "sees more than 150 degrees"),
+        (["--focal", "1e30"], "a focal length of 1e+30 pixels sees less than 0.001 degrees"),
         (["--end", "inf"], "end is inf; give a number"),
         (["--start", "9"], "no frame from 9 s"),
         (["--start", "2", "--end", "1"], "must come before the end"),

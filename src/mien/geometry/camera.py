@@ -20,6 +20,8 @@ DEFAULT_FOV_DEG = 60.0
 """Field of view assumed for an unknown camera along the longer side of its image."""
 _WIDEST_DEG = 150.0
 """Horizontal field of view beyond which no real lens follows the pinhole model."""
+_NARROWEST_DEG = 1e-3
+"""Horizontal field of view that no lens has, with which distances are still told."""
 _PINHOLE = 0.02
 """Largest share by which a calibrated camera may differ from one without distortion and with square pixels."""
 UNKNOWN_LOG_SD = 0.35
@@ -48,12 +50,17 @@ class Camera:
 
     def require_possible(self, width: int) -> None:
         """Raise MienError if this camera sees more across an image of this width in pixels than a pinhole can, as where
-        a focal length is given in millimetres."""
-        widest = 0.5 * width / math.tan(math.radians(_WIDEST_DEG) / 2)
+        a focal length is given in millimetres, or next to nothing."""
+        widest, narrowest = (0.5 * width / math.tan(math.radians(fov) / 2) for fov in (_WIDEST_DEG, _NARROWEST_DEG))
         require(
             self.focal_px >= widest,
             f"a focal length of {self.focal_px:g} pixels sees more than {_WIDEST_DEG:g} degrees across a width of "
             f"{width} pixels; mien assumes a lens without distortion; correct the focal length",
+        )
+        require(
+            self.focal_px <= narrowest,
+            f"a focal length of {self.focal_px:g} pixels sees less than {_NARROWEST_DEG:g} degrees across a width of "
+            f"{width} pixels, as no lens does; correct the focal length",
         )
 
     @classmethod

@@ -79,7 +79,7 @@ class Footage:
         return {"bytes": None, "inode": None}
 
     def camera_of(self, frame: Frame) -> Camera:
-        """The camera for images of the size of this frame. Raises MienError if its field of view is too wide."""
+        """The camera for images of the size of this frame. Raises MienError for a field of view that no lens has."""
         if self.focal_px is not None:
             camera = Camera.centred(self.focal_px, frame.width, frame.height)
         elif self.fov_deg is not None:
