@@ -114,9 +114,13 @@ def test_times_in_seconds_are_not_warned_of_even_after_a_pause(step: float) -> N
         list(open_video(iter([Frame(gradient(0), i, time) for i, time in enumerate(times)])))
 
 
-def test_camera_that_is_not_there() -> None:
-    with pytest.raises(MienError, match="camera 97 cannot be opened"):
-        next(iter(open_video(97)))
+@pytest.mark.parametrize("number", [97, 10**20])
+def test_camera_that_is_not_there(number: int) -> None:
+    with pytest.raises(MienError, match=f"camera {number} cannot be opened"):
+        next(iter(open_video(number)))
+
+
+def test_a_camera_is_named_by_its_number() -> None:
     assert open_video("97").name == open_video(np.int64(97)).name == "camera 97"  # type: ignore[arg-type]
 
 

@@ -23,8 +23,8 @@ _USUAL_FPS = 30.0
 _INTERVALS, _LONGEST_S = 10, 5.0
 """Number of intervals between the first frames, and the median in seconds from which they are taken to be in another
 unit: nobody follows a face with an image every five seconds, but with 200 a second."""
-
-
+_LARGEST = 2**31 - 1
+"""The largest number of a camera that OpenCV can be asked for."""
 _RECENT = 31
 """Number of the last times that tell how long a frame takes whose own is wrong."""
 
@@ -47,13 +47,15 @@ class CameraDevice:
         return f"camera {self.number}"
 
     def __iter__(self) -> Iterator[Frame]:
+        missing = f"camera {self.number} cannot be opened; check that it is connected"
+        require(abs(self.number) <= _LARGEST, missing)
         log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, else OpenCV 4
         level = log.getLogLevel()
         log.setLogLevel(0)  # the error below replaces OpenCV's messages
         device = cv2.VideoCapture(self.number)
         log.setLogLevel(level)
         try:
-            require(device.isOpened(), f"camera {self.number} cannot be opened; check that it is connected")
+            require(device.isOpened(), missing)
             first = now = 0.0
             for index in itertools.count():
                 success, image = device.read()
