@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from threading import Lock
+from typing import Any
 
 
 class _Limit:
@@ -16,6 +17,7 @@ class _Limit:
 
     def __init__(self) -> None:
         self.lock, self.users, self.undo = Lock(), 0, ExitStack()
+        self.libraries: list[Any] = []
 
     def enter(self) -> None:
         from threadpoolctl import ThreadpoolController
@@ -23,16 +25,15 @@ class _Limit:
         with self.lock:
             self.users += 1
             blas = ThreadpoolController().select(user_api="blas")  # also what was loaded since the last time
+            self.libraries = blas.lib_controllers
             if any(library["num_threads"] > 1 for library in blas.info()):
                 self.undo.enter_context(blas.limit(limits=1))
 
     def leave(self) -> None:
-        from threadpoolctl import ThreadpoolController
-
         with self.lock:
             self.users -= 1
             if self.users == 0:
-                for library in ThreadpoolController().select(user_api="blas").lib_controllers:
+                for library in self.libraries:
                     if hasattr(library, "clear_controlling_thread"):  # else only the thread that came first may undo it
                         library.clear_controlling_thread(force=True)
                 self.undo.close()
