@@ -699,6 +699,15 @@ def test_a_summary_that_a_spreadsheet_has_saved_is_read(videos: Path, code: dict
     assert track_all([videos], summary.parent)[0].note == "the face is turned"
 
 
+def test_a_summary_that_can_be_read_only_in_part_is_not_replaced(tmp_path: Path) -> None:
+    """As a spreadsheet saves it in another encoding; it is read in pieces, of which the first can be."""
+    faces = "".join(f"/v/{k}.mp4,{k}.csv,tracked,0,a\n" for k in range(10_000))
+    for text in (f"{faces}/v/x.mp4,x.csv,tracked,0,caf\xe9\n", f"{faces}/v/x.mp4,x.csv,tracked,0,{'a' * 200_000}\n"):
+        (tmp_path / "summary.csv").write_bytes(f"video,table,state,face_id,note\n{text}".encode("cp1252"))
+        with pytest.raises(MienError, match="exists and is not a summary by mien batch"):
+            Summary.read(tmp_path / "summary.csv")
+
+
 @pytest.mark.parametrize("content", [b"name,age\nMia,7\n", b"frame,timestamp\n", b"\xff\x00"])
 def test_the_summary_of_others_is_not_replaced(
     content: bytes, videos: Path, code: dict[str, str], tmp_path: Path

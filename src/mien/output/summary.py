@@ -167,9 +167,9 @@ def _rows(path: Path) -> list[dict[str, str]]:
     rows, names = list[dict[str, str]](), set[str]()
     with suppress(ValueError, csv.Error), opened_csv(path) as stream:
         reader = csv.DictReader(stream)
-        names = set(reader.fieldnames or ())
-        every = ({name: value or "" for name, value in row.items() if name in names} for row in reader)
+        every = ({name: value or "" for name, value in row.items() if name is not None} for row in reader)
         rows = [row for row in every if row.get("table")]
+        names = set(reader.fieldnames or ())  # only if all of it can be read: what is not is lost when it is written
     require(
         names >= {"video", "table", "state", "face_id"},
         f"{path} exists and is not a summary by mien batch; choose another folder with -o, or move it away",
