@@ -82,12 +82,13 @@ def test_a_result_from_before_warnings_were_kept_is_read(tmp_path: Path) -> None
     assert SequenceResult.load(file) == result
 
 
-def test_images_that_cannot_be_read_are_not_passed_over(tmp_path: Path) -> None:
-    """Rows of the truth would be those of other frames."""
+@pytest.mark.parametrize("damaged", [0, 1, 3])
+def test_images_that_cannot_be_read_are_not_passed_over(damaged: int, tmp_path: Path) -> None:
+    """Rows of the truth would be those of other frames, or be taken to be counted from 1."""
     for index in range(4):
         cv2.imwrite(str(tmp_path / f"{index}.png"), np.zeros((48, 64, 3), np.uint8))
     assert count_frames(tmp_path) == 4
-    (tmp_path / "1.png").write_bytes(b"no image")
+    (tmp_path / f"{damaged}.png").write_bytes(b"no image")
     with pytest.warns(MienWarning), pytest.raises(MienError, match="has images that cannot be read"):
         count_frames(tmp_path)
 

@@ -27,7 +27,7 @@ from mien.initialization.landmarks import Landmarks
 from mien.registry import called, checked
 from mien.tracking.abilities import FittedTracker, settings_of
 from mien.tracking.state import Estimate, Tracker
-from mien.video import open_video
+from mien.video import list_images, open_video
 
 _AGAINST, _LEAST_TURN_DEG = -0.8, 3.0
 """Correlation of an angle with the truth below which one of them has another sign, and the standard deviation from
@@ -104,10 +104,11 @@ def time_sequence(
 def count_frames(video: Path) -> int:
     """Number of frames of a video. Raises MienError if none can be decoded, or an image of a folder cannot be read, as
     the truth counts them all."""
-    indices = [frame.index for frame in open_video(video)]
-    require(len(indices) > 0, f"{video} has no frame that can be decoded; exclude the sequence")
-    require(indices[-1] + 1 == len(indices), f"{video} has images that cannot be read; repair or remove them")
-    return len(indices)
+    count = sum(1 for _ in open_video(video))
+    require(count > 0, f"{video} has no frame that can be decoded; exclude the sequence")
+    images = list_images(video) if video.is_dir() else ()
+    require(count >= len(images), f"{video} has images that cannot be read; repair or remove them")
+    return count
 
 
 def peak_memory_mb() -> float:
