@@ -72,7 +72,7 @@ class Destination:
             return self
         table, plot, gltf = (
             path and path.with_name(f"{path.stem}.face{face_id}{path.suffix}")
-            for path in (self.table, self.plot, self.gltf)
+            for path in (self.table and track_paths(self.table)[0], self.plot, self.gltf)
         )
         return Destination(table, None, plot, gltf)
 
