@@ -104,6 +104,16 @@ def test_csv_of_several_faces_gives_the_surest(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_landmarks(path).points, POINTS + 1)
 
 
+def test_csv_that_pandas_or_r_have_saved_is_read(tmp_path: Path) -> None:
+    """Truth values are then words, and what is missing NA."""
+    lost = row(0.04, 9.0) | {"success": "FALSE", "x_0": "NA", "confidence": "NA"}
+    rows = [row(0.0, 2.0) | {"success": "True"}, lost, row(0.08) | {"timestamp": ""}]
+    path = openface(tmp_path / "l.csv", rows)
+    np.testing.assert_allclose(read_landmarks(path).points, POINTS + 2)
+    with pytest.raises(MienError, match=r"no face at 0\.04 s"):
+        read_landmarks(path, time=0.04)
+
+
 def test_csv_may_have_columns_of_ones_own(tmp_path: Path) -> None:
     path = openface(tmp_path / "l.csv", [row(0.0, 2.0) | {"x_offset": 5}])
     np.testing.assert_allclose(read_landmarks(path).points, POINTS + 2)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mien.arrays import Array
-from mien.csv_files import csv_rows, landmark_count
+from mien.csv_files import csv_rows, landmark_count, number_in
 from mien.errors import MienError, require
 from mien.files import json_text, whole_file
 from mien.graphics import Graphics
@@ -135,7 +135,7 @@ def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: floa
     """The row for a frame: the most confident face at the nearest time or, without times, the row with this index."""
     require(bool(rows), f"{path} holds no row; it is not the output of OpenFace")
     if "timestamp" in rows[0]:
-        differences = np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time)
+        differences = np.nan_to_num(np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time), nan=np.inf)
         require(
             float(differences.min()) <= TIME_TOLERANCE,
             f"{path} has no row near {time:.2f} s, where tracking begins; choose another start",
@@ -144,7 +144,8 @@ def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: floa
     else:
         require(index < len(rows), f"{path} has {len(rows)} rows and tracking begins at frame {index}")
         rows = [rows[index]]
-    row = rows[int(np.argmax(_numbers(path, [r.get("confidence") or "0" for r in rows])))]
+    confidence = np.nan_to_num(_numbers(path, [r.get("confidence") or "0" for r in rows]))
+    row = rows[int(np.argmax(confidence))]
     require(
         bool(_numbers(path, [row.get("success") or "1"])[0] > 0),
         f"{path} has no face at {time:.2f} s, where tracking begins (success is 0); choose another start",
@@ -153,7 +154,8 @@ def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: floa
 
 
 def _numbers(path: Path, words: list[str]) -> Array:
+    """The numbers (n,) in words or cells; NaN where a cell is empty."""
     try:
-        return np.array([float(w) for w in words])
+        return np.array([number_in(w) for w in words])
     except ValueError as error:
-        raise MienError(f"{path}: a coordinate is not a number ({error}); correct the file") from error
+        raise MienError(f"{path}: a value is not a number ({error}); correct the file") from error
