@@ -25,7 +25,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp
 from mien.graphics import Graphics
-from mien.initialization.landmarks import Landmarks, Point
+from mien.initialization.landmarks import VERTICES, Landmarks, Point
 from mien.output.destination import Destination
 from mien.output.recorder import Recorder
 from mien.pipeline import passes, run
@@ -275,6 +275,21 @@ def test_tracking_goes_both_ways_from_landmarks_of_a_later_frame(
     assert track.index.tolist() == list(range(6))
     assert track.status == ["tracked"] * 3 + ["initialized"] + ["tracked"] * 2
     np.testing.assert_allclose(track.confidence, [0.1, 0.1, 0.1, 0.2, 0.2, 0.2])
+
+
+def test_tracking_begins_where_the_row_of_a_table_belongs(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    """Not before, where the face is elsewhere, if the table has no row of the first frame."""
+    seen: list[list[int]] = []
+    use_tracker(monkeypatch, lambda name: Diary(seen))
+    points = face().camera.project(face().fit.in_camera())[0][VERTICES].ravel()
+    names = [f"{axis}_{i}" for i in range(26) for axis in "xy"]
+    lines = [",".join(["timestamp", *names])] + [",".join(map(str, [time, *points])) for time in (0.08, 0.12)]
+    (tmp_path / "marks.csv").write_text("\n".join(lines))
+    track = mien.track(folder, landmarks=tmp_path / "marks.csv", camera=face().camera)
+    assert seen == [[2, 1, 0], [2, 3, 4, 5]]
+    assert (track.metadata["landmarks"]["frame"], track.metadata["landmarks"]["time"]) == (2, 0.08)
 
 
 def test_a_face_that_was_not_there_long_before_the_first_frame_is_not_looked_for(

@@ -88,7 +88,7 @@ def test_csv_takes_the_row_that_is_nearest_in_time(tmp_path: Path, spaced: bool)
     np.testing.assert_allclose(read_landmarks(path).points, POINTS)
     read = read_landmarks(path, index=1, time=0.043)
     np.testing.assert_allclose(read.points, POINTS + 1)
-    assert read.scheme == "ibug68"
+    assert (read.scheme, read.time) == ("ibug68", 0.04)
 
 
 @pytest.mark.parametrize("point", [".", ","])

@@ -35,8 +35,8 @@ def read_landmarks(
     """Read the landmarks of the frame with this index and time (seconds) from a `.json`, `.pts` or `.csv` file.
 
     A JSON (from `mien landmarks`, or NAME.json of a track) states its own frame; from a CSV, the row nearest in time is
-    read, or the row with this index if it has no times. size: width and height of the frame; warns if NAME.json is that
-    of another. Raises MienError naming the file and the remedy.
+    read, which states its own time, or the row with this index if it has no times. size: width and height of the frame;
+    warns if NAME.json is that of another. Raises MienError naming the file and the remedy.
     """
     is_path = isinstance(path, (str, Path))
     require(is_path, f"landmarks are {type(path)}; give mien.Landmarks or the name of a landmark file")
@@ -118,7 +118,7 @@ def _pts_text(path: Path, landmarks: Landmarks) -> str:
 
 
 def _read_csv(path: Path, index: int, time: float) -> Landmarks:
-    row = _row_of_frame(path, list(csv_rows(path)), index, time)
+    row, time = _row_of_frame(path, list(csv_rows(path)), index, time)
     count = landmark_count(row)
     require(
         count in SCHEME_OF_COUNT,
@@ -131,16 +131,19 @@ def _read_csv(path: Path, index: int, time: float) -> Landmarks:
     return Landmarks(points, SCHEME_OF_COUNT[count], None, index, time, str(path))
 
 
-def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: float) -> dict[str, str]:
-    """The row for a frame: the most confident face at the nearest time or, without times, the row with this index."""
+def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: float) -> tuple[dict[str, str], float]:
+    """The row for a frame: the most confident face at the nearest time or, without times, the row with this index; and
+    its own time in seconds, if it has one."""
     require(bool(rows), f"{path} holds no row; it is not the output of OpenFace")
     if "timestamp" in rows[0]:
-        differences = np.nan_to_num(np.abs(_numbers(path, [r["timestamp"] for r in rows]) - time), nan=np.inf)
+        times = _numbers(path, [r["timestamp"] for r in rows])
+        differences = np.nan_to_num(np.abs(times - time), nan=np.inf)
         require(
             float(differences.min()) <= TIME_TOLERANCE,
             f"{path} has no row near {time:.2f} s, where tracking begins; choose another start",
         )
-        rows = [r for r, d in zip(rows, differences, strict=True) if d == differences.min()]
+        time = float(times[differences.argmin()])
+        rows = [r for r, t in zip(rows, times, strict=True) if t == time]
     else:
         require(index < len(rows), f"{path} has {len(rows)} rows and tracking begins at frame {index}")
         rows = [rows[index]]
@@ -150,7 +153,7 @@ def _row_of_frame(path: Path, rows: list[dict[str, str]], index: int, time: floa
         bool(_numbers(path, [row.get("success") or "1"])[0] > 0),
         f"{path} has no face at {time:.2f} s, where tracking begins (success is 0); choose another start",
     )
-    return row
+    return row, time
 
 
 def _numbers(path: Path, words: list[str]) -> Array:

@@ -170,6 +170,7 @@ def _begin_with_landmarks(
         landmarks = read_landmarks(landmarks, earliest.index, earliest.time, (earliest.width, earliest.height))
     first, skipped, later = _frame_of(landmarks, opening.frames, opening.footage.video)
     passed = [] if opening.footage.repeatable else skipped
+    landmarks = replace(landmarks, frame_index=first.index)
     begin = replace(opening, frames=later).start(first, landmarks, passed)
     _check_fit(landmarks, opening.camera)
     for estimate in passed:
