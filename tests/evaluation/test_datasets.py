@@ -225,6 +225,16 @@ def test_talking_face_refuses_what_it_cannot_read(tmp_path: Path) -> None:
         _truth("talking-face", tmp_path)
 
 
+@pytest.mark.parametrize(("as_video", "other"), [(False, "old/franck_00002.pts"), (True, "franck_2.pts")])
+def test_talking_face_refuses_two_annotations_of_one_frame(as_video: bool, other: str, tmp_path: Path) -> None:
+    tiny.talking_face(tmp_path, face68(), tiny.pts(face68()), (0, 2), as_video)
+    assert len(load_dataset("talking-face", tmp_path)) == 1
+    (tmp_path / other).parent.mkdir(exist_ok=True)
+    (tmp_path / other).write_text(tiny.pts(face68() + 7))
+    with pytest.raises(MienError, match=rf"{other}.* belong to the same frame; keep one of them"):
+        load_dataset("talking-face", tmp_path)
+
+
 # Annotated video
 
 

@@ -33,14 +33,18 @@ FGNET_POINTS = (27, 29, 34, 32, 67, 41, 39, 43, 48, 54, 51, 57)
 def load(root: Path) -> tuple[Sequence, ...]:
     """Load the one sequence of a folder."""
     require(root.is_dir(), f"{root} is not a folder; give the one with the images or the video and the point files")
-    points = {p.stem: p for p in found_in(root, "**/*.pts")}
+    found = found_in(root, "**/*.pts")
+    points = {p.stem: p for p in found}
     require(
         bool(points),
         f"{root} contains no point file; Talking Face has franck_00000.pts .. beside its images or its video",
     )
     frame_of, video = _frames(root, points)
-    files = {frame_of[name]: file for name, file in points.items() if name in frame_of}
+    numbered = [(frame_of[file.stem], file) for file in found if file.stem in frame_of]
+    files = dict(numbered)
     require(bool(files), f"{root}: none of the {len(points)} point files has the name of an image")
+    twice = [f"{file} and {files[frame]}" for frame, file in numbered if file != files[frame]]
+    require(not twice, f"{', '.join(twice[:1])} belong to the same frame; keep one of them")
     return (Sequence("talking_face", "talking-face", video, tuple(files.values()), partial(read_truth, files)),)
 
 
