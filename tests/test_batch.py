@@ -699,6 +699,15 @@ def test_a_summary_that_a_spreadsheet_has_saved_is_read(videos: Path, code: dict
     assert track_all([videos], summary.parent)[0].note == "the face is turned"
 
 
+def test_the_row_of_a_video_that_is_named_like_a_first_face_stays(tmp_path: Path) -> None:
+    summary = tmp_path / "summary.csv"
+    for name in ("a", "a.face0"):
+        Summary.read(summary).write([[Row(tmp_path / f"{name}.mp4", tmp_path / f"{name}.csv")]])
+        (tmp_path / f"{name}.csv").touch()
+    Summary.read(summary).write([[Row(tmp_path / "a.mp4", tmp_path / "a.csv")]])
+    assert [row["table"] for row in _summary(tmp_path)] == ["a.csv", "a.face0.csv"]
+
+
 def test_a_summary_that_can_be_read_only_in_part_is_not_replaced(tmp_path: Path) -> None:
     """As a spreadsheet saves it in another encoding; it is read in pieces, of which the first can be."""
     faces = "".join(f"/v/{k}.mp4,{k}.csv,tracked,0,a\n" for k in range(10_000))

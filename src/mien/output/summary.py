@@ -180,7 +180,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
 def _table_of_first(row: Mapping[str, str]) -> str:
     """The table of the first face of the video of a row, as it is written there; see `Destination.of_face`."""
     stem, face_id = row["table"].removesuffix(".csv"), row["face_id"]
-    return f"{stem.removesuffix(f'.face{face_id}')}.csv"
+    return f"{stem if face_id == '0' else stem.removesuffix(f'.face{face_id}')}.csv"
 
 
 def _as_written(path: str) -> str:
