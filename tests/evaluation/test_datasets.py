@@ -79,6 +79,11 @@ def test_of_two_tables_of_buft_that_of_the_same_light_is_read(tmp_path: Path) ->
     (tmp_path / "vary" / "jam1.dat").unlink()
     (found,) = load_dataset("buft", tmp_path)
     assert found.truth_files == (tables[1],)
+    (tmp_path / "truth" / "vary" / "old").mkdir()
+    tables[1].rename(tmp_path / "truth" / "vary" / "old" / "jam1.dat")
+    tables[1].write_text("1 2 3 4 5 6\n")
+    with pytest.raises(MienError, match=r"jam1\.avi has several tables, .*vary.jam1\.dat, .*old.jam1\.dat; keep one"):
+        load_dataset("buft", tmp_path)
 
 
 def test_the_rule_of_buft_is_that_of_rebased() -> None:

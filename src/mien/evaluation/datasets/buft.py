@@ -100,7 +100,9 @@ def _dat_of(root: Path, video: Path) -> Path | None:
         return beside
     elsewhere = found_in(root, f"**/{escape(beside.name)}")
     same_light = [p for p in elsewhere if _kind(root, p) == _kind(root, video)]
-    return next(iter(same_light or elsewhere), None)
+    tables = same_light or elsewhere
+    require(len(tables) < 2, f"{video} has several tables, {', '.join(map(str, tables))}; keep one of them")
+    return next(iter(tables), None)
 
 
 def _kind(root: Path, path: Path) -> str:
