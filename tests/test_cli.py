@@ -217,8 +217,21 @@ def test_landmarks_writes_file_and_picture(mien: Command, video: Path, marks: Pa
     assert result.status == 0
     assert "pixels (root mean square)" in result.out
     assert names(tmp_path) == {video.name, marks.name, "in.landmarks.json", "in.landmarks.png"}
-    assert json.loads((tmp_path / "in.landmarks.json").read_text()) == json.loads(marks.read_text())
+    written = json.loads((tmp_path / "in.landmarks.json").read_text())
+    assert written == json.loads(marks.read_text()) | {"video": {"width": 320, "height": 240}}
     assert 1200 < cv2.imread("in.landmarks.png").shape[1] < 2000
+
+
+def test_landmarks_of_a_video_of_another_size_are_warned_of(
+    mien: Command, video: Path, marks: Path, tmp_path: Path
+) -> None:
+    """They may lie beside the face, and fit one all the same."""
+    assert mien("landmarks", video, "--landmarks", marks, "-o", "found.json").status == 0
+    larger = [cv2.copyMakeBorder(image, 0, 240, 0, 320, cv2.BORDER_REPLICATE) for image in portrait_images(1)]
+    write_images(tmp_path / "larger", larger)
+    for name, said in (("in.mkv", False), ("larger", True)):
+        result = mien("landmarks", name, "--landmarks", "found.json", "-o", f"{name}.json")
+        assert ("found.json has landmarks of a video of 320x240 pixels, and this one has 640x480" in result.err) == said
 
 
 def test_landmarks_that_were_corrected_are_not_overwritten(

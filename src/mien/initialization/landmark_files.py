@@ -36,7 +36,7 @@ def read_landmarks(
 
     A JSON (from `mien landmarks`, or NAME.json of a track) states its own frame; from a CSV, the row nearest in time is
     read, which states its own time, or the row with this index if it has no times. size: width and height of the frame;
-    warns if NAME.json is that of another. Raises MienError naming the file and the remedy.
+    warns if a JSON is that of another. Raises MienError naming the file and the remedy.
     """
     is_path = isinstance(path, (str, Path))
     require(is_path, f"landmarks are {type(path)}; give mien.Landmarks or the name of a landmark file")
@@ -51,10 +51,12 @@ def read_landmarks(
         raise MienError(f"{path} is not a text file; check that it is the landmark file") from error
 
 
-def write_landmarks(path: str | Path, landmarks: Landmarks) -> None:
-    """Write a `.json`, or a `.pts` if the scheme is ibug68."""
+def write_landmarks(path: str | Path, landmarks: Landmarks, size: tuple[int, int] | None = None) -> None:
+    """Write a `.json`, or a `.pts` if the scheme is ibug68. size: width and height of their frame, which a `.json`
+    states."""
     path = Path(path)
-    writers = {".json": _json_text, ".pts": _pts_text}
+    writers: dict[str, Callable[[Path, Landmarks], str]]
+    writers = {".json": partial(_json_text, size=size), ".pts": _pts_text}
     require(path.suffix.lower() in writers, f"{path}: landmarks are written to {' or '.join(writers)}")
     text = writers[path.suffix.lower()](path, landmarks)
     with whole_file(path) as temporary:
@@ -85,8 +87,9 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
     return Landmarks(points, scheme, depths, index, time, str(path), graphics=graphics)
 
 
-def _json_text(path: Path, landmarks: Landmarks) -> str:
-    return json_text(landmarks.to_dict())
+def _json_text(path: Path, landmarks: Landmarks, size: tuple[int, int] | None) -> str:
+    video = {} if size is None else {"video": dict(zip(("width", "height"), size, strict=True))}  # as NAME.json has it
+    return json_text(landmarks.to_dict() | video)
 
 
 def _read_pts(path: Path, index: int, time: float) -> Landmarks:

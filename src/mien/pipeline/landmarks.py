@@ -54,7 +54,7 @@ def write_first_frame(
     mesh = Mesh(fit.in_camera(), fit.model.triangles)
     is_new = not output.exists()
     if is_new:
-        write_landmarks(output, begin.landmarks)
+        write_landmarks(output, begin.landmarks, (begin.first.width, begin.first.height))
     elif not is_given:
         _require_same(output, begin.landmarks)
     names, graphics = begin.landmarks.point_names, begin.landmarks.graphics
