@@ -272,6 +272,11 @@ def test_the_html_report_needs_no_other_file(out: Path) -> None:
     assert "<script" not in text
 
 
+def test_the_report_says_of_no_tracker_that_it_begins_with_landmarks_that_it_may_ignore(out: Path) -> None:
+    text = write_report(load_scores(out), out, "markdown").read_text(encoding="utf-8")
+    assert "every tracker is given the same landmarks of the first frame (truth)" in text
+
+
 @pytest.mark.parametrize(("form", "ending"), [("markdown", "md"), ("latex", "tex"), ("csv", "csv")])
 def test_reports_of_every_format(out: Path, form: str, ending: str) -> None:
     path = write_report(load_scores(out), out, form)

@@ -99,8 +99,8 @@ def _about(scores: Scores) -> list[str]:
     e = scores.evaluation
     return [
         f"`{e.command}`",
-        f"mien {e.version}; {len(e.sequences)} sequence{'s' if len(e.sequences) != 1 else ''}; every tracker begins "
-        f"with the same landmarks of the first frame ({e.landmarks}). The protocol of all angles is "
+        f"mien {e.version}; {len(e.sequences)} sequence{'s' if len(e.sequences) != 1 else ''}; every tracker is given "
+        f"the same landmarks of the first frame ({e.landmarks}). The protocol of all angles is "
         f"{scores.protocol.value}.",
     ]
 
