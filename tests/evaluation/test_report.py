@@ -21,7 +21,7 @@ from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
 from mien.evaluation import tables
 from mien.evaluation.cells import NONE, table_1_cells
-from mien.evaluation.contact_sheet import TILE, _around, _on_tile, contact_sheet
+from mien.evaluation.contact_sheet import ESTIMATE, TILE, TRUTH, _around, _on_tile, contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
 from mien.evaluation.figures import _annotated_rms, angles_over_time, landmark_rms_over_time, save_figures
@@ -378,6 +378,12 @@ def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:
     assert sheet is not None
     assert sheet.shape == (3 * 320, 5 * 320, 3)  # twelve frames, five in a row
     assert contact_sheet(()) is None
+
+
+def test_the_report_says_whose_landmarks_are_green_and_whose_red(out: Path) -> None:
+    text = write_report(load_scores(out), out, "markdown").read_text(encoding="utf-8")
+    assert "### The worst frames of good: its landmarks in green, the truth in red\n" in text
+    assert [int(np.argmax(bgr)) for bgr in (ESTIMATE, TRUTH)] == [1, 2]
 
 
 def test_the_contact_sheet_begins_with_the_worst_frame(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,7 +68,7 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
             file = folder / f"worst-{file_name(tracker)}.jpg"
             with whole_file(file) as temporary:
                 temporary.write_bytes(cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())
-            out[f"The worst frames of {tracker}"] = file
+            out[f"The worst frames of {tracker}: its landmarks in green, the truth in red"] = file
     return out
 
 
