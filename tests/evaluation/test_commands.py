@@ -42,6 +42,7 @@ def test_one_command_gives_a_report_and_report_gives_the_others(
     assert run.returncode == 0, run.stderr
     assert run.stderr == "mien: b, c_wide1: the light is poor\n"
     assert "report.html" in run.stdout
+    assert "Rotation error in degrees" in run.stdout
     assert "protocol: rebased" in run.stdout
     assert "…" not in run.stdout, "a name is cut, and others may begin alike"
     assert "mien: b, c_wide1: the light is poor\n" in _mien(*arguments)[1], "it also holds of results that are kept"

@@ -126,9 +126,8 @@ def by_kind(scores: Scores) -> Table:
             rows.append((t, *errors, lost_of(chosen), done_of(scores, t)))
     return Table(
         "kinds",
-        "Rotation error by kind of sequence",
-        "Mean of the mean absolute errors of tilt, pan and roll, degrees. Lost frames are counted among those with "
-        "truth.",
+        "Rotation error in degrees by kind of sequence",
+        "Mean of the mean absolute errors of tilt, pan and roll. Lost frames are counted among those with truth.",
         ("tracker", *scores.kinds, "lost frames", "sequences"),
         tuple(rows),
     )
