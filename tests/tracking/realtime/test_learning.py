@@ -24,12 +24,14 @@ def test_the_eyes_of_a_face_move_as_those_of_its_mirror_image() -> None:
 
     mirrored = {"half": "half", "shut": "shut", "left": "right", "right": "left"}
     renderer: Any = SimpleNamespace(
-        posed=lambda R: SimpleNamespace(of=lambda view: R[view]), describe=describe, moved_eyes=list(mirrored),
+        describe=describe, moved_eyes=list(mirrored),
         face=SimpleNamespace(noise=0.0, points=np.zeros((1, 3))),
     )  # fmt: skip
     tilts, pans = np.radians([-20.0, -5, 5, 20]), np.radians([-40.0, -25, -10, 10, 25, 40])
     seen = np.zeros((4, 6, 1, 128), np.float32)
-    learning._render_changes(renderer, learning._Views(tilts, pans, seen, seen, seen), seen)
+    rotations = learning._rotations(tilts, pans)
+    posed: Any = SimpleNamespace(of=lambda view: rotations[view])
+    learning._render_changes(renderer, learning._Views(tilts, pans, seen, seen, seen), posed, seen)
     known = [rotation(tilt, pan, 0.0) for tilt, pan in product(tilts, pans)]
     assert {texture for _, texture in drawn} == set(mirrored)  # nothing else is drawn again
     for R, texture in drawn:

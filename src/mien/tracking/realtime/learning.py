@@ -221,11 +221,13 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, per_angle: in
     tilts, pans = np.outer(limit, np.sign(evenly) * np.abs(evenly) ** s.views.crowding)
     further = np.radians(np.linspace(s.views.limit_pan_deg, s.views.turned_limit_pan_deg, _TURNED_VIEWS + 1)[1:])
     lights = _mirrored_lights(len(tilts), len(pans), s.views.light_contrast)
-    front, lit = _render_views(renderer, tilts, pans, s, lights)
-    changes = _render_changes(renderer, front, lit)
+    posed = renderer.posed(_rotations(tilts, pans))
+    front, lit = _render_views(renderer, tilts, pans, posed, s, lights)
+    changes = _render_changes(renderer, front, posed, lit)
 
     def learn_turned() -> Level:
-        aside, _ = _render_views(renderer, tilts, np.concatenate([-further[::-1], further]), s)
+        pans_aside = np.concatenate([-further[::-1], further])
+        aside, _ = _render_views(renderer, tilts, pans_aside, renderer.posed(_rotations(tilts, pans_aside)), s)
         return _regress(renderer, front.beside(aside), changes, s)
 
     level = _regress(renderer, front, changes, s)
@@ -233,11 +235,15 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, per_angle: in
 
 
 def _render_views(
-    renderer: _ViewRenderer, tilts: Array, pans: Array, s: RealtimeSettings, lights: Array | None = None
+    renderer: _ViewRenderer,
+    tilts: Array,
+    pans: Array,
+    posed: _Posed,
+    s: RealtimeSettings,
+    lights: Array | None = None,
 ) -> tuple[_Views, Float32]:
-    """Render the face at these tilts and pans, and describe it; also by the descriptors (tilts, pans, n, 128) in other
-    lights (tilts, pans, 3), see `spread_lights`, which without them are the same."""
-    posed = renderer.posed(_rotations(tilts, pans))
+    """Render the face as it is posed at these tilts and pans, and describe it; also by the descriptors (tilts, pans, n,
+    128) in other lights (tilts, pans, 3), see `spread_lights`, which without them are the same."""
     light = None if lights is None else np.exp(renderer.normals @ np.swapaxes(posed.R, -1, -2) @ lights[..., None])
     shape = (*posed.points.shape[:-1], LENGTH)
     seen, lit, behind = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape[:-1])
@@ -268,12 +274,11 @@ def _mirrored_lights(tilts: int, pans: int, contrast: float) -> Array:
     return lights
 
 
-def _render_changes(renderer: _ViewRenderer, views: _Views, lit: Float32) -> _Changes:
+def _render_changes(renderer: _ViewRenderer, views: _Views, posed: _Posed, lit: Float32) -> _Changes:
     """What light changes in the views, whose descriptors in it are `lit` (k, l, n, 128), and eyes that move in some,
     rendered once more. Light goes into the covariance, not into the mean, which would depend on where it comes from in
     which view."""
     eyes: tuple[list[Float32], ...] = tuple([] for _ in _EYES)
-    posed = renderer.posed(_rotations(views.tilts, views.pans))
     for k, (i, *columns) in enumerate(_mirrored_pairs(len(views.tilts), len(views.pans))[::_EYE_VIEWS]):
         moved = k % len(_EYES)
         for j, shown in zip(columns, (moved, _MIRRORED_EYES[moved]), strict=True):
