@@ -45,6 +45,16 @@ def test_a_small_motion_is_recovered(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TRACKERS)
+def test_a_tracker_that_begins_again_gives_the_same(name: str) -> None:
+    tracker, sequence = TRACKERS[name](), small_motion()
+    once, again = run(tracker, sequence), run(tracker, sequence)
+    for before, after in zip(once, again, strict=True):
+        assert before.rotation is not None
+        np.testing.assert_array_equal(before.rotation, after.rotation)
+        np.testing.assert_array_equal(before.translation, after.translation)
+
+
+@pytest.mark.parametrize("name", TRACKERS)
 def test_a_black_frame_is_a_lost_frame(name: str) -> None:
     estimates = run(TRACKERS[name](), small_motion(blank={2}))
     assert [e.status for e in estimates[1:]] == [Status.TRACKED, Status.LOST, Status.RECOVERED]

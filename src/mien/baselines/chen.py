@@ -49,9 +49,10 @@ class ChenTracker(CandideTracker):
     least_similarity = 0.5
 
     def __init__(self, evaluations: int = 500) -> None:
-        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(0))
+        self._evaluations = evaluations
 
     def _learn(self, frame: Frame) -> None:
+        self._simplex = Simplex(SIMPLEX_SD, self._evaluations, np.random.default_rng(0))
         self.statistics = PatchStatistics.of_views(self._views(frame, view_rotations()))
 
     def _search(self, frame: Frame) -> SearchResult:

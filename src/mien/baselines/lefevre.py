@@ -174,10 +174,10 @@ class LefevreTracker(CandideTracker):
     least_similarity = 0.4
 
     def __init__(self, evaluations: int = 500, side_points: int = SIDE_POINTS) -> None:
-        self._simplex = Simplex(SIMPLEX_SD, evaluations, np.random.default_rng(0))
-        self._side_points = side_points
+        self._evaluations, self._side_points = evaluations, side_points
 
     def _learn(self, frame: Frame) -> None:
+        self._simplex = Simplex(SIMPLEX_SD, self._evaluations, np.random.default_rng(0))
         self.structure = PatchStatistics.of_views(self._views(frame, view_rotations()))
         self.points = SurfacePoints.draw(self.fit, np.random.default_rng(0), self._side_points)
         self.appearance = Appearance.unseen(len(self.points.normals))

@@ -96,9 +96,10 @@ class Tran2013Tracker(CandideTracker):
 
     def __init__(self, evaluations: int = 150) -> None:
         require_scikit_learn("tran-2013")
-        self._simplex = Simplex(SIMPLEX_SD[:6], evaluations, np.random.default_rng(0))
+        self._evaluations = evaluations
 
     def _learn(self, frame: Frame) -> None:
+        self._simplex = Simplex(SIMPLEX_SD[:6], self._evaluations, np.random.default_rng(0))
         rotations = [rotation(*np.radians([*angles, 0.0])) for angles in product(VIEW_ANGLES_DEG, VIEW_ANGLES_DEG)]
         patches = [read_patches(image, p, PATCH_SIZE, PATCH_STEP) for image, p in self._views(frame, rotations)]
         self.codebook = Codebook(np.stack(patches, axis=1))
