@@ -57,3 +57,17 @@ def test_it_follows_the_portrait() -> None:
     for late in (MediaPipeTracker(), tracker):  # one that has a mesh of an earlier face forgets it
         late.initialize(Frame(np.zeros_like(first.pixels)), face.landmarks, face.camera)
         assert "saw no face in the first frame" in late.track(first).reason
+
+
+def test_it_finds_the_face_of_another_video_wherever_the_last_one_was() -> None:
+    from mien.baselines.mediapipe import MediaPipeTracker
+    from mien.frame import Frame
+    from mien.synthetic import portrait
+
+    face, new, used = portrait(), MediaPipeTracker(), MediaPipeTracker()
+    aside = Frame(np.roll(face.frame.pixels, 75, axis=1))
+    assert used.initialize(aside, face.landmarks, face.camera).rotation is not None
+    once, again = (tracker.initialize(face.frame, face.landmarks, face.camera) for tracker in (new, used))
+    assert once.rotation is not None
+    np.testing.assert_array_equal(once.rotation, again.rotation)
+    np.testing.assert_array_equal(once.translation, again.translation)

@@ -48,6 +48,7 @@ class MediaPipeTracker:
         """Detect the face, and use its landmarks with their depths as the mesh."""
         self._camera, self._shape, self._lost = camera, None, False
         with silenced():
+            self._mesh.reset()  # it would look for the face where it has last seen one
             points = self._detect(frame)
         if points is None:
             return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
