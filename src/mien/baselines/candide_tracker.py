@@ -81,12 +81,13 @@ class CandideTracker(ABC):
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the first frame and learn the appearance of its face."""
         require_first(frame, landmarks, camera)
-        self.size, self.camera = (frame.width, frame.height), camera
+        self.size, self.camera = None, camera  # until the face is known
         self.fit = fit_first_frame(landmarks, camera)
         self.landmarks = LandmarkModel.of_first_frame(self.fit)
         self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
         self._was_lost = False
         self._learn(frame)
+        self.size = frame.width, frame.height
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:

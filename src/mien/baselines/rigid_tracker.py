@@ -27,12 +27,13 @@ class RigidTracker(ABC):
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Fit the surface to the first frame's face and learn its appearance."""
         require_first(frame, landmarks, camera)
-        self.size = frame.width, frame.height
+        self.size = None  # until the face is known
         fit = fit_first_frame(landmarks, camera)
         self.head = RigidHead.from_first_frame(frame, fit, camera, self.surface_of(fit))
         self.pose = self.head.first
         self._was_lost = False
         self._learn(look_first(frame, self.pose, camera))
+        self.size = frame.width, frame.height
         return self.head.estimate(frame, Status.INITIALIZED, self.pose)
 
     def track(self, frame: Frame) -> Estimate:

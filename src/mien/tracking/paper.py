@@ -61,7 +61,7 @@ class PaperTracker:
         landmarks that cannot be tracked."""
         s = self.settings
         require_first(frame, landmarks, camera)
-        self.size, self.camera = (frame.width, frame.height), camera
+        self.size, self.camera = None, camera  # until the face is known
         self.fit = fit_first_frame(landmarks, camera, self.model)
         self.landmarks = LandmarkModel.of_first_frame(self.fit)
         self.scale_distance = float(self.fit.t[2])
@@ -71,6 +71,7 @@ class PaperTracker:
         self.simplex = Simplex(s.simplex_spread * self.prior_sd, s.simplex_evaluations, np.random.default_rng(s.seed))
         self.b = pack(self.fit.R, self.fit.t, self.fit.animation)
         self.observed: Float32 | None = self._likelihood(frame).observe(self.b)
+        self.size = frame.width, frame.height
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:

@@ -76,6 +76,23 @@ def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], 
         tracker.track(Frame(np.ascontiguousarray(first.pixels[:120]), 7))
 
 
+@pytest.mark.parametrize(
+    "new", [RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker]
+)
+def test_a_tracker_that_could_not_learn_its_face_knows_none(new: Callable[[], Tracker]) -> None:
+    """It would go on with the camera of one face and the look of another."""
+    first, second, *_ = small_motion().frames
+    impossible = replace(face().camera, cx=900.0, cy=-400.0)
+    for starts in ([], [face().camera]):
+        tracker = new()
+        for camera in starts:
+            tracker.initialize(first, face().landmarks, camera)
+        with pytest.raises(MienError, match="no face fits the landmarks"):
+            tracker.initialize(first, face().landmarks, impossible)
+        with pytest.raises(MienError, match="call initialize first"):
+            tracker.track(second)
+
+
 def test_spectacles_are_followed() -> None:
     """Rims move more than the eyes behind them; with a shape that cannot learn this the largest error is 4 degrees."""
     errors = errors_deg(run(RealtimeTracker(), with_spectacles()), with_spectacles())

@@ -93,8 +93,9 @@ class RealtimeTracker:
         tracked, and for a face that would be nearer to the camera than it is wide."""
         s = self.settings
         require_first(frame, landmarks, camera)
+        self.size = None  # until the face is known
         self.graphics, frame = landmarks.graphics, frame.behind(landmarks.graphics)
-        self.size, self.camera = (frame.width, frame.height), camera
+        self.camera = camera
         self.fit = fit_first_frame(landmarks, camera, (self.model or Candide.default()).with_whole_brows())
         focal, mm = f"{camera.focal_px:.0f} pixels", f"{self.fit.t[2] * self.fit.mm_per_unit:.0f} mm"
         require(
@@ -121,6 +122,7 @@ class RealtimeTracker:
         self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, sharp, rounding)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
+        self.size = frame.width, frame.height
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
     def _refine_first_pose(self, frame: Frame) -> Solution:
