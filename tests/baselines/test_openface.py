@@ -140,10 +140,15 @@ def test_a_confidence_that_is_no_probability_is_refused(confidence: float, tmp_p
 
 
 @pytest.mark.parametrize("rate", [12.5, 25.0, 30.0, np.inf])  # images have no times; some files then have zeros
-def test_rows_of_another_frame_rate_are_warned_of(tmp_path: Path, rate: float) -> None:
-    rows = [f"{i + 1},{i / rate},1,0,0,0" for i in range(20)]
+@pytest.mark.parametrize("backwards", [False, True])  # as from the frame in which a face is learned to the first
+def test_rows_of_another_frame_rate_are_warned_of(tmp_path: Path, rate: float, backwards: bool) -> None:
+    rows = [f"{i + 1},{i / rate},1,0,0,0" for i in range(50)]
     (tmp_path / "other.csv").write_text("\n".join(["frame,timestamp,success,pose_Rx,pose_Ry,pose_Rz", *rows]))
+    first, *later = [Frame(PIXELS, i, i / 25) for i in range(50)][:: -1 if backwards else 1]
+    tracker = OpenFaceTracker(str(tmp_path / "other.csv"))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        _track(tmp_path / "other.csv", 20)
+        tracker.initialize(first, FIRST, CAMERA)
+        for frame in later:
+            tracker.track(frame)
     assert len(caught) == (rate == 12.5)

@@ -73,7 +73,7 @@ class OpenFaceTracker:
             return
         times = self._table.time
         stated, passed = float(times[row] - times[first]), frame.time - self._begun.time
-        if abs(stated - passed) > max(_LATE_S, _OTHER_RATE * passed):  # never of NaN
+        if abs(stated - passed) > max(_LATE_S, _OTHER_RATE * abs(passed)):  # never of NaN; a track may run backwards
             self._warned = True
             warn(
                 f"{self._table.source}: the row of frame {frame.index} lies {stated:.2f} s after the first, and the "
