@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mien.candide.model import Candide
+from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, log
 
@@ -71,3 +72,17 @@ def test_it_finds_the_face_of_another_video_wherever_the_last_one_was() -> None:
     assert once.rotation is not None
     np.testing.assert_array_equal(once.rotation, again.rotation)
     np.testing.assert_array_equal(once.translation, again.translation)
+
+
+def test_frames_that_the_camera_cannot_have_taken_are_refused() -> None:
+    from mien.baselines.mediapipe import MediaPipeTracker
+    from mien.frame import Frame
+    from mien.synthetic import portrait
+
+    face, tracker = portrait(), MediaPipeTracker()
+    with pytest.raises(MienError, match="call initialize first"):
+        tracker.track(face.frame)
+    tracker.initialize(face.frame, face.landmarks, face.camera)
+    wide = Frame(np.repeat(face.frame.pixels, 2, axis=1), 1)  # its face would be tracked 25 degrees off
+    with pytest.raises(MienError, match=r"has the size \(640, 240\), the first had \(320, 240\)"):
+        tracker.track(wide)

@@ -19,7 +19,7 @@ from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import exp, log, similarity
 from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_reported
 from mien.initialization.mediapipe_mesh import face_mesh, read_faces, silenced
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_next_of
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install mediapipe==0.10.21 (Python 3.10 to 3.12)"
 NO_FACE = "MediaPipe sees no face"
@@ -41,12 +41,14 @@ class MediaPipeTracker:
         self._model = Candide.default().vertices()
         self._mm_per_unit = mm_per_unit(self._model)
         self._shape: Array | None = None
+        self.size: tuple[int, int] | None = None
         rows = rows_reported("mediapipe478")
         self._names, self._rows = tuple(rows), np.array(list(rows.values()))
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Detect the face, and use its landmarks with their depths as the mesh."""
-        self._camera, self._shape, self._lost = camera, None, False
+        self.size, self._camera = (frame.width, frame.height), camera
+        self._shape, self._lost = None, False
         with silenced():
             self._mesh.reset()  # it would look for the face where it has last seen one
             points = self._detect(frame)
@@ -60,7 +62,9 @@ class MediaPipeTracker:
         return self._estimate(frame, points, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
-        """The pose of the face by PnP, starting from that of the last frame."""
+        """The pose of the face by PnP, starting from that of the last frame. Raises MienError before `initialize`, and
+        for a frame whose size differs from the first one's."""
+        require_next_of(self.size, frame)
         points = self._detect(frame)
         if points is None or self._shape is None:
             self._lost = True
