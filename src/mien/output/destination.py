@@ -83,8 +83,7 @@ class Destination:
 
     def remove(self) -> None:
         """Remove what was written."""
-        for path in self.paths():
-            real_path(path).unlink(missing_ok=True)  # a link to it stays
+        _remove(*self.paths())
 
     def warn_if_stale(self, faces: int) -> None:
         """Warn if an earlier run with more than this number of faces has left tables, naming them all."""
@@ -100,9 +99,7 @@ class Destination:
     def write_table(self, track: Track) -> None:
         """Write the table, of which NAME.json names the pictures, without the plot and the head of an earlier track: if
         this is stopped, none of them is left with it."""
-        for old in (self.plot, self.gltf):
-            if old is not None:
-                real_path(old).unlink(missing_ok=True)  # a link to it stays
+        _remove(self.plot, self.gltf)
         if self.table is not None:
             pictures = {"overlay": self.overlay, "plot": self.plot}
             names = {name: None if path is None else path.name for name, path in pictures.items()}
@@ -114,6 +111,13 @@ class Destination:
             track.plot(self.plot)
         if self.gltf is not None:
             track.save_gltf(self.gltf)
+
+
+def _remove(*paths: Path | None) -> None:
+    """Remove these files, if they are there; links to them stay."""
+    for path in paths:
+        if path is not None:
+            real_path(path).unlink(missing_ok=True)
 
 
 def write_in_any_case(files: Destination, track: Track) -> None:

@@ -44,7 +44,8 @@ def load(root: Path) -> tuple[Sequence, ...]:
     files = dict(numbered)
     require(bool(files), f"{root}: none of the {len(points)} point files has the name of an image")
     twice = [f"{file} and {files[frame]}" for frame, file in numbered if file != files[frame]]
-    require(not twice, f"{', '.join(twice[:1])} belong to the same frame; keep one of them")
+    if twice:
+        raise MienError(f"{twice[0]} belong to the same frame; keep one of them")
     return (Sequence("talking_face", "talking-face", video, tuple(files.values()), partial(read_truth, files)),)
 
 
