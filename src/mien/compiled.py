@@ -1,5 +1,5 @@
-"""How Numba compiles the inner loops: on the first call of each, cached on disk. On the first run a second process
-compiles the largest (`tracking/realtime/first_run.py`).
+"""How Numba compiles the inner loops: when mien is installed (`hatch_build.py`), else on the first call of each, cached
+on disk. On such a first run a second process compiles the largest (`tracking/realtime/first_run.py`).
 
 Numba compiles a kernel anew when its own file has changed. It contains the code of kernels and the constants of other
 files, so here it is compiled anew when any of these has.

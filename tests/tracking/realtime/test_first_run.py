@@ -26,7 +26,7 @@ assert all(e.status.success for e in estimates)
 last = estimates[-1]
 tracker.landmark_depths(last.model_rotation, last.translation, last.animation, 0.0)
 assert is_cached(kernels.solve)
-for kernel, examples in first_run._KERNELS:
+for kernel, examples in first_run._LEARNING + first_run._KERNELS:
     assert kernel.signatures == [first_run._signature(examples)], kernel
 print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """

@@ -1,8 +1,9 @@
-"""A shorter first run: two processes compile the kernels.
+"""A shorter first run: kernels are compiled at installation, or else by two processes.
 
-Compiled kernels are cached on disk. The first time, most of the wait is for `kernels.solve`, whose compilation needs
-nothing of the video: a background process begins with it, while this one detects and learns the face. Then they share
-what is left. Where that fails, every kernel is compiled here when it is first called.
+Compiled kernels are cached on disk. Where an installation could not compile them, most of the wait is for
+`kernels.solve`, whose compilation needs nothing of the video: a background process begins with it, while this one
+detects and learns the face. Then they share what is left. Where that fails, every kernel is compiled here when it is
+first called.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from mien.appearance import crop, descriptors, face_camera
+from mien.appearance import crop, descriptors, face_camera, rendering
 from mien.compiled import is_cached
 from mien.processes import available_processors
 from mien.tracking.realtime import (
+    adaptation,
     covariance,
     covers,
     definite,
@@ -95,6 +97,11 @@ _KERNELS: tuple[Kernel, ...] = (
     (person._spread, (_array(2), _array(1), _array(1), _SEEN)),
     (kernels.student_information, (*[_array(1)] * 3, 0.0, 0.0)),
     (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1), _array(1), 0.0)),
+    (adaptation._offset, (_array(1), 0.0, _single(2), _single(2))),
+    (adaptation._share, (_array(1), 0.0, _single(2))),
+    (adaptation._neighbours, (_array(1), 0.0)),
+    (adaptation._mean_of, (_single(1), _SEEN)),
+    (solution.largest_of_best, (_array(1),)),
     (solution._judge, (_array(1), _array(1), 0.0, _SEEN, _array(1), 0.0, 1)),
     (covers._updated, ((_SEEN, _SEEN), _array(1), _SEEN, _array(1), (_SEEN, _SEEN, _array(2, np.bool_)), 1)),
     (uncertainty.visibility, (_array(1), _SEEN, _array(1), _SEEN)),
@@ -113,6 +120,21 @@ _KERNELS: tuple[Kernel, ...] = (
 """What a frame needs. The other process compiles from the beginning: what the solver shares with the learning of the
 face, the solver, and what shares kernels with that. This one, once it has learned the face, compiles from the end, and
 they meet in the middle, at kernels that compile quickly, as both may compile the same one there."""
+_LEARNING: tuple[Kernel, ...] = (
+    (rendering._rasterize,
+     (_array(2), _array(1), _array(2, np.int64), _single(3), _array(2), _array(1), _single(3), _single(3), _single(2))),
+    (descriptors._orientation_maps, (_single(2), 0.0, _single(1), _single(2), _single(1), _single(2))),
+    (pose_geometry.facing_camera, (*[_array(2)] * 3, _array(1), 1, 1, 0.0)),
+)  # fmt: skip
+"""What learning a face needs beside those."""
+
+
+def compile_all() -> None:
+    """Compile all kernels that are not on disk, as when mien is installed."""
+    background = BackgroundCompilation()
+    _compile_missing(_LEARNING)
+    background.finish()
+    _compile_missing(_KERNELS)
 
 
 def compile_in_background() -> None:

@@ -152,12 +152,12 @@ class View:
 
 
 @kernel(fastmath={"contract"})
-def largest_of_best(values: Any, part: int = 2) -> float:
-    """Largest of the smallest half of values (n,), or of a smaller part, as of 4 the quarter; infinite without any."""
+def largest_of_best(values: Any) -> float:
+    """Largest of the smallest half of values (n,); infinite without any."""
     ordered = np.empty(values.size)
     for i in range(values.size):
         kernels.insert(values[i], ordered, i)
-    return float(ordered[values.size // part]) if values.size else np.inf
+    return float(ordered[values.size // 2]) if values.size else np.inf
 
 
 class _Judgement(NamedTuple):
