@@ -52,6 +52,17 @@ def test_a_head_is_out_of_sight_outside_the_image_and_from_behind(head: RigidHea
     assert "left the image" in head.lost(face().frame, Pose(FACING, t + aside)).reason
 
 
+def test_a_head_that_is_registered_outside_the_image_has_left_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    outside = Pose(FACING, face().fit.t + np.array([5.0, 0, 0]))
+    monkeypatch.setattr(LaCasciaTracker, "_follow", lambda self, view: outside)
+    assert (
+        "left the image"
+        in run(LaCasciaTracker(), make_sequence(face(), moved(face(), *np.zeros((2, 2, 3)), np.zeros((2, 6)))))[
+            -1
+        ].reason
+    )
+
+
 @pytest.mark.parametrize("make", [LaCasciaTracker, XiaoTracker, MorencyTracker])
 def test_a_face_that_leaves_the_image_is_lost_and_found_again(make: Callable[[], Tracker]) -> None:
     across = [0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, 2.4, 1.6, 0.8, 0, 0, 0]

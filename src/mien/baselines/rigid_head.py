@@ -86,7 +86,8 @@ class RigidHead:
         )
 
     def lost(self, frame: Frame, pose: Pose) -> Estimate:
-        """The estimate for a frame that was not registered; the last pose decides on the reason."""
+        """The estimate for a frame without a face in sight. pose: at which it was found, else the last one; it decides
+        on the reason."""
         reason = NOT_FOUND if self.in_sight(frame, pose) else OUT_OF_SIGHT
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 

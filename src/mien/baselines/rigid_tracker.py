@@ -42,7 +42,7 @@ class RigidTracker(ABC):
         view, found = self._registered(frame)
         if found is None or view is None or not self.head.in_sight(frame, found):
             self._was_lost = True
-            return self.head.lost(frame, self.pose)
+            return self.head.lost(frame, self.pose if found is None else found)
         self.pose = found
         self._adapt(view)
         status = Status.RECOVERED if self._was_lost else Status.TRACKED
