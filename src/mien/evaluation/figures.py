@@ -173,7 +173,8 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     for (tracker, r), colour in zip(diagrams.items(), cycle(COLOURS), strict=False):
         if r.count.any():
             above.plot(r.confidence, r.right, color=colour, marker="o", label=tracker)
-            below.stairs(r.count, r.edges, color=colour, fill=True, alpha=0.35)
+            below.stairs(r.count, r.edges, color=colour, fill=True, alpha=0.2)
+            below.stairs(r.count, r.edges, color=colour, linewidth=1.5)
     above.set_ylabel(f"share with an error\nbelow {metrics.RIGHT_DEG:g} degrees")
     above.set_ylim(0, 1.05)
     below.set_ylabel("frames")

@@ -218,13 +218,13 @@ def _draw_axes(canvas: Pixels, estimate: Estimate, origin: Array | None, camera:
 
 
 def _caption(estimate: Estimate) -> str:
-    """`tracked  confidence 97%  yaw +12.3  pitch -4.0  roll +0.8`, or the reason for which the face is lost."""
+    """`tracked  confidence 97%  yaw +12.3  pitch -4.0  roll +0.8 deg`, or the reason for which the face is lost."""
     if estimate.euler is None:
         return f"{estimate.status.value}  {estimate.reason}".strip()
     pitch, yaw, roll = np.degrees(estimate.euler)
     return (
         f"{estimate.status.value}  confidence {100 * estimate.confidence:.0f}%"
-        f"   yaw {yaw:+.1f}  pitch {pitch:+.1f}  roll {roll:+.1f}"
+        f"   yaw {yaw:+.1f}  pitch {pitch:+.1f}  roll {roll:+.1f} deg"
     )
 
 
