@@ -51,6 +51,7 @@ def test_a_camera_file_without_a_centre_has_that_of_the_image(video: Path, tmp_p
 
 
 K = [[600, 0, 330], [0, 602, 250], [0, 0, 1]]
+TEXT = {"image_width": "320", "image_height": "240.0"}
 OF_OPENCV = {"rows": 3, "cols": 3, "dt": "d", "data": [*K[0], *K[1], *K[2]]}
 
 
@@ -80,7 +81,7 @@ def test_a_camera_of_images_of_another_size_is_warned_of(
 ) -> None:
     """If its file says of which; its optical axis lies within the image of both."""
     file = tmp_path / "c.json"
-    for stated in ({}, {"image_width": 320, "image_height": 240}, {"image_width": 640}):
+    for stated in ({}, {"image_width": 320, "image_height": 240}, {"image_width": 640}, TEXT):
         file.write_text(json.dumps(numbers | stated))
         read_camera(file, (320, 240))
     assert not recwarn
