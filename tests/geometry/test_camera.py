@@ -80,6 +80,7 @@ K = [[600.0, 0, 320], [0, 606, 240], [0, 0, 1]]
 
 def test_the_camera_of_a_calibration() -> None:
     assert Camera.from_matrix(K) == Camera.from_matrix(np.array(K), np.zeros((1, 5))) == Camera(603, 320, 240)
+    assert Camera.from_matrix(K, None) == Camera(603, 320, 240)  # as OpenCV is told of no distortion
     seen = Camera.from_matrix(np.array(K, np.float32), [0.01, 0, 0, 0])  # at the corner by 0.01 r^2, with r = 0.67
     assert json.loads(json.dumps(asdict(seen)))["focal_px"] == 603
 
@@ -95,6 +96,9 @@ def test_the_camera_of_a_calibration() -> None:
         ([[600, 13, 320], [0, 600, 240], [0, 0, 1]], (), "a skew of 13"),
         (K, [0.1, 0, 0, 0], r"corners of the image by 4 % .* undistort the images with cv2\.undistort"),
         (K, [[0, 0, 0, 0.02, 0]], "corners of the image by 3 %"),
+        ("K.npy", (), "camera matrix: 'K.npy' is no array of numbers"),
+        ([[600, 0, 320], [0, 606], [0, 0, 1]], (), "camera matrix: .* is no array of numbers"),
+        (K, ["k1", 0, 0, 0], r"distortion coefficients: \['k1', 0, 0, 0\] is no array of numbers"),
         (K, [0.1, 0], r"\[0\.1, 0\.0\] are no distortion coefficients; give the 4, 5"),
     ],
 )

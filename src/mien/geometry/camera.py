@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mien.arrays import Array, Mask
-from mien.errors import require
+from mien.errors import MienError, require
 
 DEFAULT_FOV_DEG = 60.0
 """Field of view assumed for an unknown camera along the longer side of its image."""
@@ -82,15 +82,15 @@ class Camera:
         return cls(float(focal_px), 0.5 * (width - 1), 0.5 * (height - 1))
 
     @classmethod
-    def from_matrix(cls, K: ArrayLike, distortion: ArrayLike = ()) -> Camera:
+    def from_matrix(cls, K: ArrayLike, distortion: ArrayLike | None = None) -> Camera:
         """Camera of a calibration by `cv2.calibrateCamera`.
 
-        K: camera matrix (3, 3) in pixels; distortion: none, or 4, 5, 8, 12 or 14 coefficients. Raises MienError where
-        lens or pixels differ from those of a pinhole camera by more than 2 %.
+        K: camera matrix (3, 3) in pixels; distortion: none, or 4, 5, 8, 12 or 14 coefficients. Raises MienError for
+        anything else, and where lens or pixels differ from those of a pinhole camera by more than 2 %.
         """
-        matrix = np.asarray(K, float)
+        matrix = _numbers(K, "camera matrix")
         _check_matrix(matrix)
-        _check_distortion(matrix, np.asarray(distortion, float).ravel())
+        _check_distortion(matrix, _numbers(() if distortion is None else distortion, "distortion coefficients").ravel())
         return cls(0.5 * (matrix[0, 0] + matrix[1, 1]), matrix[0, 2], matrix[1, 2])
 
     @property
@@ -136,6 +136,14 @@ class Camera:
         J[..., 0, 2] = -f_z * x / z
         J[..., 1, 2] = -f_z * y / z
         return J
+
+
+def _numbers(values: ArrayLike, what: str) -> Array:
+    """The array of these values. what: they are meant to be. Raises MienError if they are no numbers in equal rows."""
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise MienError(f"{what}: {values!r} is no array of numbers ({error}); correct it") from error
 
 
 def _check_matrix(K: Array) -> None:
