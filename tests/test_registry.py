@@ -69,6 +69,8 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
             "own.json: views.turned_limit_pan_deg: value error, must be larger than limit_pan_deg",
         ),
         ({"descriptor": {"kernel": "opencv"}}, "own.json: descriptor: value error, the kernel must be mien"),
+        ({"weights": 3}, "own.json: weights: input should be settings keyed by name; mien.config.RealtimeSettings"),
+        ({"settings": {}, "weights": {}}, "own.json: weights: stands beside `settings` .*; move it into them"),
         ([1], "own.json holds no settings keyed by name"),
         ({"settings": 1}, "own.json holds no settings keyed by name"),
         ("{", "own.json is not valid JSON"),

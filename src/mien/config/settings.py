@@ -64,7 +64,7 @@ def read_settings(path: Path, kind: type[SomeSettings]) -> SomeSettings:
         raise MienError(
             f"{path} is not valid JSON ({error}); give a file like the NAME.json that mien writes"
         ) from error
-    values = values.get("settings", values) if isinstance(values, dict) else None
+    values = _settings_in(values, kind, path) if isinstance(values, dict) else None
     example = json.dumps(_last(kind().model_dump()))
     require(isinstance(values, dict), f"{path} holds no settings keyed by name; give JSON like {example}")
     try:
@@ -72,8 +72,23 @@ def read_settings(path: Path, kind: type[SomeSettings]) -> SomeSettings:
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
-        wrong = "unknown setting" if first["type"] == "extra_forbidden" else first["msg"].lower()
+        wrong = _WRONG.get(first["type"], first["msg"].lower())
         raise MienError(f"{path}: {name}: {wrong}; mien.config.{kind.__name__} lists them all") from error
+
+
+_WRONG = {"extra_forbidden": "unknown setting", "model_type": "input should be settings keyed by name"}
+"""What is said of a value by the type of its error, where pydantic speaks of what its user does not know."""
+
+
+def _settings_in(values: dict[str, Any], kind: type[Settings], path: Path) -> Any:
+    """The settings in the content of a file. Raises MienError if some stand beside those of a track, where they would
+    be ignored."""
+    if "settings" not in values:
+        return values
+    groups = {name for name, field in kind.model_fields.items() if isinstance(field.default, Settings)}
+    beside = ", ".join(sorted(groups & set(values)))
+    require(not beside, f"{path}: {beside}: stands beside `settings` and would be ignored; move it into them")
+    return values["settings"]
 
 
 def _last(values: dict[str, Any]) -> dict[str, Any]:
