@@ -117,6 +117,7 @@ def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, t
     track = mien.Track.read(tmp_path / "out.csv")
     np.testing.assert_allclose(track.time, np.arange(6) / 30, atol=1e-6)
     assert track.metadata["video"]["name"] == "the frames"
+    assert track.metadata["video"]["fps"] is None  # nobody has said it
     assert track.metadata["stopped"] == "OSError: the camera was unplugged"
 
 

@@ -37,7 +37,7 @@ def metadata(
             **begin.footage.identity,
             "width": begin.first.width,
             "height": begin.first.height,
-            "fps": video.fps,
+            "fps": video.fps if video.repeatable else None,  # what gives each frame once does not say its rate
             "interlaced": begin.first.interlaced,
         },
         "preset": preset,
