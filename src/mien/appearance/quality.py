@@ -16,7 +16,7 @@ _NORM = 6.0
 _MEDIAN = 0.6745
 """Median of the absolute value of a Gaussian variable, in standard deviations."""
 
-_FINEST = 0.8
+FINEST = 0.8
 """Standard deviation in pixels of the blur up to which detail is not looked at."""
 
 
@@ -42,11 +42,11 @@ def noise_image(sd: float, size: int, scale: float, rng: np.random.Generator) ->
 
 def sharpness(image: Float32, blur: float) -> float:
     """How much fine detail a crop (size, size) of a face shows, in its middle: between blurs of 0.8 and 1.6 pixels,
-    relative to that between 1.6 and 3.2. blur: standard deviation in pixels by which it is blurred.
+    relative to that between 1.6 and 3.2. blur: standard deviation in pixels by which it is blurred, at most `FINEST`.
 
     Of faces in focus, 100 pixels wide in the crop, this is 0.47 to 0.75, whoever they are; of those that were blurred
     by 1.5 and 2.5 pixels where they were 60 pixels wide, 0.35 to 0.4 and 0.3. 1 for a blank image."""
-    finest, finer, fine = (blurred(image, math.sqrt(max((k * _FINEST) ** 2 - blur**2, 0.0))) for k in (1, 2, 4))
+    finest, finer, fine = (blurred(image, math.sqrt(max((k * FINEST) ** 2 - blur**2, 0.0))) for k in (1, 2, 4))
     margin = len(image) // 8
     middle = slice(margin, -margin)
     detail, coarser = (float(np.std((a - b)[middle, middle])) for a, b in ((finest, finer), (finer, fine)))

@@ -16,6 +16,7 @@ from hypothesis import given
 
 from mien.appearance.views import rotation
 from mien.arrays import Array
+from mien.config import RealtimeSettings
 from mien.errors import MienWarning
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -51,7 +52,7 @@ from mien.tracking.realtime.uncertainty import (
     visibility,
 )
 from mien.tracking.state import Estimate
-from small_motion import face, small_motion
+from small_motion import begun, face, small_motion
 from strategies import head_rotations, rotation_vectors
 from videos import frames_of, write_video
 
@@ -316,6 +317,16 @@ def test_a_face_that_is_learned_in_a_coarsely_compressed_picture_is_told_of(tmp_
         scale = tracker.face.fine.descriptor.pixels_per_unit * tracker.pose.distance / face().camera.focal_px
         assert tracker.axes.first.rounding == pytest.approx(first.quantizer_step * scale, rel=0.05)
     assert (spreads[1] > 1.3 * spreads[0]).all()
+
+
+def test_how_sharp_a_face_is_does_not_depend_on_how_its_descriptors_are_smoothed() -> None:
+    """With a blur of 1.6 pixels there was nothing to tell it from, and a division by zero."""
+    first, second, *_ = small_motion().frames
+    of_default = begun(first).axes.first.sharpness
+    for blur in (0.0, 1.2, 1.6, 3.0):
+        tracker = begun(first, RealtimeSettings.model_validate({"descriptor": {"blur": blur}}))
+        assert tracker.axes.first.sharpness == pytest.approx(of_default, rel=0.01)  # at a slightly other pose
+        assert tracker.track(second).covariance is not None
 
 
 def test_a_face_that_is_learned_out_of_focus_is_told_of() -> None:

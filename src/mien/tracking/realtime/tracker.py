@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mien.appearance.crop import is_blank
-from mien.appearance.quality import sharpness
+from mien.appearance.quality import FINEST, sharpness
 from mien.arrays import Array
 from mien.candide.model import Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings
@@ -144,9 +144,9 @@ class RealtimeTracker:
     def _quality(self, frame: Frame) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
         if it is blurred or coarsely compressed."""
-        level, pose = self.face.fine, self.pose
-        crop, blur = level.camera(self.camera, pose.ray, pose.roll, pose.distance), level.descriptor.blur
-        sharp = sharpness(crop.sample(frame, blur), blur)
+        pose = self.pose
+        crop = self.face.fine.camera(self.camera, pose.ray, pose.roll, pose.distance)
+        sharp = sharpness(crop.sample(frame, FINEST), FINEST)  # however much the descriptors are smoothed
         rounding = (frame.quantizer_step or 0.0) * crop.scale
         poor = "blurred or enlarged" if sharp < _BLURRED else "coarsely compressed" if rounding > _COARSE else ""
         if poor:
