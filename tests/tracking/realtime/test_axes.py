@@ -94,7 +94,7 @@ def test_what_is_told_anew_turns_all_frames_alike(tracker: RealtimeTracker) -> N
 def test_the_mesh_stays_on_the_face() -> None:
     """It is drawn where the model is, however far the axes of the head have moved since the first frame."""
     tracker = begun(sequence().frames[0], RealtimeSettings(axes=AxesSettings(tilt_share=3.0, pan_share=3.0)))
-    apart = []
+    apart, told = [], []
     for frame in sequence().frames[1:]:
         estimate = tracker.track(frame)
         mesh, landmarks = tracker.mesh(estimate), estimate.landmarks
@@ -103,7 +103,10 @@ def test_the_mesh_stays_on_the_face() -> None:
         where = tracker.camera.project(mesh[_FIRM])[0]
         assert np.linalg.norm(where - landmarks.image[_FIRM_NAMES], axis=1).mean() < 2
         apart.append(np.degrees(angle_between(np.asarray(estimate.rotation), tracker.pose.R)))
+        told.append((estimate, mesh))
     assert np.max(apart) > 2
+    for earlier, mesh in told:  # as where frames are drawn later
+        np.testing.assert_array_equal(np.asarray(tracker.mesh(earlier)), mesh)
     table = Track.from_estimates([estimate], {"mm_per_unit": estimate.mm_per_unit})
     (read,) = table.estimates()  # as where several faces are drawn
     np.testing.assert_allclose(np.asarray(tracker.mesh(read)), mesh, atol=1e-3)

@@ -229,13 +229,16 @@ class RealtimeTracker:
         return Estimate.lost(frame, reason, self.fit.mm_per_unit)
 
     def mesh(self, estimate: Estimate) -> Array | None:
-        """Vertices (113, 3) in camera axes of an estimate of this tracker; None where the face is lost."""
+        """Vertices (113, 3) in camera axes of an estimate of this tracker, or of one read from its table, whose
+        rotations have the axes that are known now; None where the face is lost."""
         if estimate.rotation is None or estimate.translation is None:
             return None
+        R = estimate.model_rotation
+        R = self.axes.model_rotation(estimate.rotation) if R is None else R
         vertices = self.fit.vertices(estimate.animation)
         if estimate.closing:
             vertices = with_eyes_closed(vertices, estimate.closing.share)
-        return np.asarray(vertices @ self.axes.model_rotation(estimate.rotation).T + estimate.translation)
+        return np.asarray(vertices @ R.T + estimate.translation)
 
     def _reported_landmarks(self, pose: Pose, closed: float) -> tuple[Array, Array]:
         """The landmarks of a pose as they are reported, with the shape that is known now: (26, 3) in camera axes and
