@@ -38,8 +38,8 @@ _CROP_SIDE, _CROP_PIXELS = 2.2, (256, 640)
 _DISTANT_EVERY = 15
 """One frame in this many is searched for distant faces, which takes five times as long."""
 _LARGE_PX, _QUARTER = 750, 0.55
-"""Frame width above which a trackable face may be too small to be found in the whole frame; and the side of a quarter
-over that of the frame, more than a half so that quarters overlap."""
+"""Longer side of a frame above which a trackable face may be too small to be found in the whole frame; and the side of
+a quarter over that of the frame, more than a half so that quarters overlap."""
 _NEAR = 0.75
 """Largest distance of a point on a face from its centre, in sizes of the face."""
 _OUTLIER = 0.22
@@ -62,8 +62,8 @@ def detect(frame: Frame, at: Point | None = None) -> list[Landmarks]:
 
 def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple[Frame, list[Landmarks]] | None:
     """The first frame with a face that can be tracked, and its faces as from `detect`; if all are too small, the first
-    with one of these; None if no frame has any. A face of which a part is beyond the border of the image does not
-    count: nothing could be learned of that part."""
+    with one of these; None if no frame has any. A face that lies further beyond the border of the image than
+    `Landmarks.are_inside` allows does not count: nothing could be learned of that part."""
     too_small: tuple[Frame, list[Landmarks]] | None = None
     with open_finder(MAXIMUM_FACES) as finder:
         for k, frame in enumerate(frames):

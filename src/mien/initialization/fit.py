@@ -38,8 +38,9 @@ FRONTAL_SHARE, FRONTAL_SD_DEG, ELSEWHERE_SD_DEG = 0.5, 3.0, 20.0
 """Prior of the facing direction in the first frame: this fraction of people look into the camera, with the first
 standard deviation in degrees; the others look elsewhere, with the second."""
 LARGEST_MISFIT = 0.15
-"""Residual over the size of the face beyond which the landmarks are not those of a face: the worst point of a detected
-one is off by 0.08 at most. The fit withstands single outliers, but not one that is several faces away."""
+"""Root mean square of the residuals, over the size of the face, beyond which the landmarks are not those of a face: of
+a detected one even the worst point is off by 0.08 at most. The fit withstands single outliers, but not one that is
+several faces away."""
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,8 @@ def opening_of(points: Mapping[str, Array]) -> float:
 
 
 MINIMUM_FACE_PX = 40.0
+_MOST_BEYOND = 0.25
+"""Largest distance of a point that is used beyond the border of the image, over the size of the face."""
 _DEEPEST = 4.0
 """Largest range of the depths, over the size of the face."""
 _TRIANGLE = ("right_eye_outer_corner", "left_eye_outer_corner", "lower_lip_outer")
@@ -211,9 +213,9 @@ class Landmarks:
         return np.asarray(np.maximum(-points, points - [width - 1, height - 1]).max(axis=1))
 
     def are_inside(self, width: int, height: int) -> bool:
-        """Whether the face lies inside an image, or hardly beyond its border."""
+        """Whether the face lies inside an image, or beyond its border by no more than a quarter of the face's size."""
         _, points, _ = self.correspondences()
-        return bool(self._beyond(width, height).max() <= 0.25 * np.ptp(points, axis=0).max())
+        return bool(self._beyond(width, height).max() <= _MOST_BEYOND * np.ptp(points, axis=0).max())
 
     @property
     def size(self) -> float:
