@@ -174,13 +174,18 @@ def require_first(frame: Frame, landmarks: Landmarks, camera: Camera) -> None:
     landmarks.check(frame.width, frame.height)
 
 
+def require_begun(size: tuple[int, int] | None) -> None:
+    """Raise MienError if a tracker has not begun, so that the size of its first frame is None."""
+    require(size is not None, "the tracker knows no face yet; call initialize first")
+
+
 def require_next_of(size: tuple[int, int] | None, frame: Frame) -> None:
     """Raise MienError if a tracker that began with a frame of this width and height, None if it has not begun, cannot
     track a frame: the camera's numbers hold for that size."""
     require(isinstance(frame, Frame), f"{type(frame)} is no frame; give each as mien.Frame(pixels, index, time)")
     if size == (frame.width, frame.height):
         return
-    require(size is not None, "the tracker knows no face yet; call initialize first")
+    require_begun(size)
     raise MienError(
         f"frame {frame.index} has the size {(frame.width, frame.height)}, the first had {size}; "
         "scale it, as mien.stream does"

@@ -28,6 +28,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
 from mien.synthetic import SyntheticSequence, make_sequence, moved
+from mien.tracking.abilities import RepeatableTracker
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker, kernels, learning, person
 from mien.tracking.realtime.solution import Solution
@@ -91,6 +92,9 @@ def test_a_tracker_that_could_not_learn_its_face_knows_none(new: Callable[[], Tr
             tracker.initialize(first, face().landmarks, impossible)
         with pytest.raises(MienError, match="call initialize first"):
             tracker.track(second)
+        if isinstance(tracker, RepeatableTracker):
+            with pytest.raises(MienError, match="call initialize first"):
+                tracker.again()
 
 
 def test_spectacles_are_followed() -> None:

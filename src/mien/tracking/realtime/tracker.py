@@ -44,7 +44,7 @@ from mien.tracking.realtime.uncertainty import (
     state_covariance,
     visibility,
 )
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_first, require_next_of
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_begun, require_first, require_next_of
 
 _LIDS = np.array(
     [[LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
@@ -84,7 +84,8 @@ class RealtimeTracker:
 
     def again(self) -> RealtimeTracker:
         """A tracker for a second pass over the same frames, from the same first frame and landmarks: it begins with the
-        shape that this one has learned."""
+        shape that this one has learned. Raises MienError before `initialize`, and where that has failed."""
+        require_begun(self.size)
         return RealtimeTracker(self.settings, self.model, self.person)
 
     @one_blas_thread()
