@@ -330,24 +330,7 @@ class RealtimeTracker:
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The estimate of a frame: the present pose, its landmarks, covariance and confidence. familiar:
         `familiarity`."""
-        n = len(LANDMARK_NAMES)
-        closing = self.closing
-        X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
-        visible = self.visible[:n]
-        if self._eyes_are_shut:
-            visible = np.where(self.person.eyes[:n], 0.0, visible)
-        distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
-        landmarks = TrackedLandmarks(LANDMARK_NAMES, image, X, visible, distance)
-        shape = self.person.shape
-        layer = self.person.layer(solution, self.axes.first.seen_from)
-        lean, learned = math.hypot(*shape.lean.tolist()), self.person.learned_share(solution)
-        moved = self.pose.animation - self.first_animation
-        relief = ReliefError(shape.relief_sd, lean, learned, layer)
-        d2, share = solution.seen_d2, solution.seen_share
-        covariance = state_covariance(solution.step_covariance, d2, share, self.pose, moved, self.axes.first, relief)
-        if self.camera.focal_log_sd > 0:
-            covariance[:6, :6] += focal_covariance(self.pose.t, self.axes.first.ray, self.camera.focal_log_sd)
-        sure = confidence(covariance, share, familiar, self.identity.probability)
+        covariance = self._covariance(solution)
         return Estimate(
             frame.index,
             frame.time,
@@ -356,9 +339,35 @@ class RealtimeTracker:
             translation=self.pose.t,
             animation=self.pose.animation,
             covariance=covariance,
-            landmarks=landmarks,
-            confidence=sure,
+            landmarks=self._tracked_landmarks(solution),
+            confidence=confidence(covariance, solution.seen_share, familiar, self.identity.probability),
             mm_per_unit=self.fit.mm_per_unit,
-            closing=closing,
+            closing=self.closing,
             model_rotation=self.pose.R,
         )
+
+    def _tracked_landmarks(self, solution: Solution) -> TrackedLandmarks:
+        """The landmarks at the present pose, how visible they are, and how far from what was expected."""
+        n = len(LANDMARK_NAMES)
+        X, image = self._reported_landmarks(self.pose, self.closing.share if self.closing else 0.0)
+        visible = self.visible[:n]
+        if self._eyes_are_shut:
+            visible = np.where(self.person.eyes[:n], 0.0, visible)
+        distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
+        return TrackedLandmarks(LANDMARK_NAMES, image, X, visible, distance)
+
+    def _covariance(self, solution: Solution) -> Array:
+        """Covariance (12, 12) of the present pose, see `Estimate`."""
+        first, shape = self.axes.first, self.person.shape
+        relief = ReliefError(
+            shape.relief_sd,
+            lean=math.hypot(*shape.lean.tolist()),
+            learned=self.person.learned_share(solution),
+            layer=self.person.layer(solution, first.seen_from),
+        )
+        moved = self.pose.animation - self.first_animation
+        d2, share = solution.seen_d2, solution.seen_share
+        covariance = state_covariance(solution.step_covariance, d2, share, self.pose, moved, first, relief)
+        if self.camera.focal_log_sd > 0:
+            covariance[:6, :6] += focal_covariance(self.pose.t, first.ray, self.camera.focal_log_sd)
+        return covariance
