@@ -18,14 +18,15 @@ from typing import Any
 
 import numpy as np
 
+from mien.appearance.descriptors import LENGTH
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.config.realtime import AdaptationSettings
 
-_ENTRIES = 128
 _TILTS, _PANS = 5, 9
 """Turns from the first frame's view, in tilt and pan, at which the appearance of a turned face is learned."""
 _SPACING = math.radians(20.0)
+"""Angle in radians from each of these turns to the next."""
 _DAMPING = 0.3
 """Of the step: near the first frame's view hardly anything is learned."""
 
@@ -37,11 +38,11 @@ class Adaptation:
         """first: (2,) tilt and pan of the first frame in radians, as of `pose_geometry.view_angles`."""
         self.first = first
         self.settings = settings
-        self.slope = np.zeros((2, n * _ENTRIES), np.float32)  # by tilt and by pan
-        self.views = np.zeros((_TILTS * _PANS, n * _ENTRIES), np.float32)
+        self.slope = np.zeros((2, n * LENGTH), np.float32)  # by tilt and by pan
+        self.views = np.zeros((_TILTS * _PANS, n * LENGTH), np.float32)
         self.learned = np.zeros((_TILTS * _PANS, n), np.float32)
         self.near = math.radians(settings.view_turn_deg)
-        self.nothing = np.zeros((n, _ENTRIES), np.float32)
+        self.nothing = np.zeros((n, LENGTH), np.float32)
         self.begun = False
 
     def offset(self, angles: Array) -> Float32:

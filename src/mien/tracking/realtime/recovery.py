@@ -32,17 +32,24 @@ from mien.tracking.realtime.solver import PoseSolver
 
 KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size
 _CROP_UNITS = 2.0
+"""Side of the crop that a keyframe keeps, CANDIDE units."""
 _KEYPOINTS = 250
+"""Largest number of keypoints of a keyframe; the part of a frame that is searched, which shows more than the face, may
+have four times as many."""
 _MOST_KEYFRAMES = 9
 _KEYFRAME_SPACING = np.radians(15.0)
+"""Least rotation, radians, between two keyframes."""
 _WINDOW = 440.0
 """Side of the part of the image that one search covers, in pixels of the keyframes."""
 _MOST_FACES = 3
+"""How many of the faces that the detector finds are tried, the largest first."""
 _NECK = np.array([0.0, 0.0, -0.7])
 """What a head turns about, in head axes: the top of the spine."""
 _PANS = np.radians([-50.0, -25.0, 0.0, 25.0, 50.0])
 """From the first frame's view, where a head that has turned is looked for."""
 _RATIO, _INLIERS, _REPROJECTION_PX = 0.85, 8, 6.0
+"""Of a match of keypoints: its distance over that of the second best one, below which it is kept (D. Lowe, IJCV 60,
+2004); how many of them have to agree on a pose; and up to which reprojection error, in pixels of the keyframes."""
 _BETTER = 0.8
 """A face elsewhere is preferred to one that is doubted, or of which little matches, only if its misfit is below this
 share of that one's."""
