@@ -54,7 +54,7 @@ def test_a_face_of_which_nothing_is_seen() -> None:
     assert found.seen_share == found.seen_d2 == found.inlier_share == 0
 
 
-def test_a_grimace_leaves_the_best_quarter_as_it_is() -> None:
-    d2 = np.where(np.arange(26) < 9, 10.0, 55.0)
-    assert largest_of_best(d2, 4) == 10
-    assert largest_of_best(d2) == 55
+def test_a_grimace_of_less_than_half_of_the_face_leaves_the_best_half_as_it_is() -> None:
+    grimace = np.arange(26)
+    assert largest_of_best(np.where(grimace < 12, 55.0, 10.0)) == 10
+    assert largest_of_best(np.where(grimace < 13, 55.0, 10.0)) == 55
