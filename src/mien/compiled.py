@@ -23,7 +23,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _OPTIONS: dict[str, Any] = {
     "cache": True,
-    "fastmath": {"contract", "reassoc", "arcp", "nsz", "ninf", "nnan"},
+    "fastmath": {"contract", "reassoc", "arcp", "nsz", "nnan"},  # infinite values occur
     "error_model": "numpy",  # division by zero gives inf; raising an exception would cost a branch per division
     "no_cfunc_wrapper": True,  # never called from C
 }
