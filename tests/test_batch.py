@@ -218,6 +218,10 @@ def test_a_folder_of_images_that_is_named_is_a_video(code: dict[str, str], tmp_p
         (folder / image).write_bytes(b"")
     assert find_videos([folder], out) == [(folder, out / "take.1.csv")]
     assert _states(track_all([folder], out)) == ["tracked"]
+    options = BatchOptions(fps=10)
+    assert _states(track_all([folder], out, options)) == ["tracked"]  # the track in place is of another rate
+    assert options.arguments(folder) == [*BatchOptions().arguments(folder), "--fps", "10"]
+    assert options.arguments(folder / "a.mp4") == BatchOptions().arguments(folder)  # it has times of its own
     (folder / "deeper" / "a.mp4").write_bytes(b"")
     assert find_videos([folder], out) == [(folder / "deeper" / "a.mp4", out / "deeper" / "a.csv")]
 
@@ -290,6 +294,7 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
         track_all([videos], tmp_path / "out", BatchOptions(preset="papper"))
     for options, message in (
         (BatchOptions(end=float("nan")), "end is nan"),
+        (BatchOptions(fps=0), "fps is 0"),
         (BatchOptions(focal_px=500, fov_deg=60), "in more than one way"),
         (BatchOptions(start=2, end=1), "must come before the end"),
     ):

@@ -243,6 +243,7 @@ def batch(
     plot: Annotated[bool, typer.Option("--plot", help="Write a plot beside each table.")] = False,
     start: Start = None,
     end: End = None,
+    fps: Fps = None,
     at_once: AtOnce = False,
     faces: Faces = 1,
     passes: Passes = 1,
@@ -253,7 +254,7 @@ def batch(
     from mien.batch import BatchOptions, track_all
     from mien.output.summary import FAILED, KEPT, SUMMARY, TRACKED
 
-    options = BatchOptions(preset, passes, faces, camera, focal, fov, start, end, at_once, overlay, plot, again)
+    options = BatchOptions(preset, passes, faces, camera, focal, fov, start, end, fps, at_once, overlay, plot, again)
     with jobs_bar("looking for videos", quiet) as progress:
         rows = track_all(paths, out, options, jobs, progress, forked=True)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}

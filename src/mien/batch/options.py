@@ -22,7 +22,8 @@ OVERLAY_SUFFIX = ".overlay.mp4"
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """Options for every video: those of `mien.track`, what to draw, and whether to track finished videos again."""
+    """Options for every video: those of `mien.track`, of which `fps` is for those that are folders of images, what to
+    draw, and whether to track finished videos again."""
 
     preset: str = DEFAULT_PRESET
     passes: int = 1
@@ -32,24 +33,26 @@ class BatchOptions:
     fov_deg: float | None = None
     start: float | None = None
     end: float | None = None
+    fps: float | None = None
     at_once: bool = False
     overlay: bool = False
     plot: bool = False
     again: bool = False
 
-    @property
-    def arguments(self) -> list[str]:
-        """The options as command-line arguments of `mien track`."""
+    def arguments(self, video: Path) -> list[str]:
+        """The options as command-line arguments of `mien track` for a video."""
         given = {"--preset": self.preset, "--passes": self.passes, "--faces": self.faces, "--camera": self.camera}
         given |= {"--focal": self.focal_px, "--fov": self.fov_deg, "--start": self.start, "--end": self.end}
+        given |= {"--fps": self._fps_of(video)}
         pairs = ((name, str(value)) for name, value in given.items() if value is not None)
         return [*chain.from_iterable(pairs), *["--at-once"] * self.at_once]
 
-    def match(self, metadata: Mapping[str, Any], table: Path) -> bool:
-        """Whether the track with this NAME.json is complete, from the same options and this version of mien, and has
-        the pictures of this table that are wanted."""
+    def match(self, metadata: Mapping[str, Any], video: Path, table: Path) -> bool:
+        """Whether the track of a video with this NAME.json is complete, from the same options and this version of mien,
+        and has the pictures of this table that are wanted."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
-        wanted |= {"asked": requested_options(self, self.at_once), **self._contents(metadata.get("video", {}))}
+        wanted |= {"asked": requested_options(self, self.at_once, fps=self._fps_of(video))}
+        wanted |= self._contents(metadata.get("video", {}))
         overlay, plot = pictures_of(table)
         wanted |= {"overlay": overlay.name} if self.overlay else {}
         wanted |= {"plot": plot.name} if self.plot else {}
@@ -60,6 +63,10 @@ class BatchOptions:
         overlay, plot = pictures_of(table)
         files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
         return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
+
+    def _fps_of(self, video: Path) -> float | None:
+        """At which a video is opened: files have times of their own."""
+        return self.fps if video.is_dir() else None
 
     def _contents(self, video: Mapping[str, Any]) -> dict[str, Any]:
         """The settings of the tracker and the camera that are given by files, as the NAME.json of a video has them, of

@@ -21,7 +21,7 @@ from mien.output.track_files import read_metadata
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker
 from mien.start.footage import check_options
-from mien.video import list_images
+from mien.video import check_fps, list_images
 
 _MESSAGE_PREFIX = "mien: "
 """The prefix of warnings and errors on the command line."""
@@ -50,6 +50,7 @@ def track_all(
     options = options or BatchOptions()
     create_tracker(options.preset)  # report wrong options once, now, and not for every video
     check_options(options)
+    check_fps(options.fps)
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     with sole_use(out):
@@ -120,8 +121,8 @@ def _times(files: Iterable[Path]) -> dict[Path, int]:
 def _command(row: Row, options: BatchOptions) -> Call:
     overlay, plot = pictures_of(row.table)
     pictures = [*["--overlay", str(overlay)] * options.overlay, *["--plot", str(plot)] * options.plot]
-    arguments = ("track", "-o", str(row.table), *pictures, *options.arguments, "--quiet", "--", str(row.video))
-    return Call(row.video.name, "mien.worker:run", arguments)
+    given = "-o", str(row.table), *pictures, *options.arguments(row.video), "--quiet"
+    return Call(row.video.name, "mien.worker:run", ("track", *given, "--", str(row.video)))
 
 
 def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
@@ -132,7 +133,7 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
     """
     with suppress(MienError, OSError, AttributeError, LookupError, TypeError):  # whatever somebody made of NAME.json
         known = read_metadata(row.table.with_suffix(".json"))
-        if not options.match(known, row.table):
+        if not options.match(known, row.video, row.table):
             return None
         faces = known.get("faces", 1)
         oldest = min(file.stat().st_mtime for file in options.files_of(row.table, faces))

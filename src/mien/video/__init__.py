@@ -11,7 +11,7 @@ from mien.video.container import VIDEO_SUFFIXES
 from mien.video.folder import FOLDER_FPS, IMAGE_SUFFIXES, list_images, refuse_among_images
 from mien.video.scaling import warn_of_another_size
 from mien.video.selection import backwards, check_interval, decode_frame, expected_count, select
-from mien.video.source import Source, Video, open_video
+from mien.video.source import Source, Video, check_fps, open_video
 
 __all__ = [
     "FOLDER_FPS",
@@ -20,6 +20,7 @@ __all__ = [
     "Source",
     "Video",
     "backwards",
+    "check_fps",
     "check_interval",
     "decode_frame",
     "expected_count",

@@ -57,14 +57,19 @@ def open_video(source: Source, fps: float | None = None) -> Video:
     fps: frames per second of a folder of images, by default `FOLDER_FPS`; all others have times of their own. Raises
     MienError if the file does not exist or is not a video.
     """
-    rate = fps is None or (isinstance(fps, Real) and 0 < fps < math.inf)
-    require(rate, f"fps is {fps!r}; give a positive number of frames per second, or omit it")
+    check_fps(fps)
     video = _opened(source, fps)
     require(
         fps is None or isinstance(video, ImageFolder),
         f"{video.name} has times of its own; omit fps, which is for a folder of images",
     )
     return video
+
+
+def check_fps(fps: float | None) -> None:
+    """Raise MienError for a number of frames per second that no folder of images can have."""
+    rate = fps is None or (isinstance(fps, Real) and 0 < fps < math.inf)
+    require(rate, f"fps is {fps!r}; give a positive number of frames per second, or omit it")
 
 
 def _opened(source: Source, fps: float | None) -> Video:
