@@ -56,6 +56,13 @@ def test_json_of_an_editor_that_marks_its_encoding_is_read(tmp_path: Path) -> No
     np.testing.assert_array_equal(read_landmarks(tmp_path / "marks.json").points, IBUG.points)
 
 
+def test_null_in_a_json_is_as_nothing(tmp_path: Path) -> None:
+    unknown = {"frame": None, "time": None, "depths": None, "graphics": None}
+    (tmp_path / "marks.json").write_text(json.dumps({"scheme": "ibug68", "points": POINTS.tolist()} | unknown))
+    read = read_landmarks(tmp_path / "marks.json", index=3, time=9.0)
+    assert (read.frame_index, read.time, read.depths, read.graphics) == (3, 9.0, None, None)
+
+
 def test_json_has_a_point_on_each_line(tmp_path: Path) -> None:
     write_landmarks(tmp_path / "l.json", IBUG)
     x, y = POINTS[0].tolist()

@@ -68,10 +68,11 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
     try:
         content: dict[str, Any] = json.loads(text)
         values = content.get("landmarks", content)  # NAME.json of a track contains those of its first frame
+        values = {name: value for name, value in values.items() if value is not None}
         points, scheme, depths = values["points"], values["scheme"], values.get("depths")
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
-        graphics = None if values.get("graphics") is None else Graphics.from_dict(values["graphics"])
+        graphics = None if "graphics" not in values else Graphics.from_dict(values["graphics"])
         elsewhere = int(values.get("frame", index)) != index
         index, time = int(values.get("frame", index)), float(values.get("time", time))
     except json.JSONDecodeError as error:
