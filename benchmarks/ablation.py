@@ -202,6 +202,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "angles of patches believed entirely": _set("misplacement", angle_sd_deg=0.01),
     "angles of patches ignored": _set("misplacement", angle_sd_deg=1000),
     "covariance as the views have it, Eq. (8) unused": _set("covariance", learned=0),
+    "half of what Eq. (8) adds, however a landmark looks": _set("covariance", usual_distance=0, share=0.5),
     "eyes that look strange not adapted": _set("adaptation", forgetting=0),
     "turned faces not learned": _set("adaptation", view_rate=0),
 }

@@ -40,7 +40,13 @@ class CovarianceSettings(Settings):
     lack_of_fit: float = Field(50.0, gt=0, description="squared distance from the mean that halves a landmark's metric")
     learned: int = Field(2, ge=0, description="directions that are added to it while tracking, Eq. (8)")
     rate: float = Field(0.04, ge=0, lt=1, description="rate per frame of the moving average that these come from")
-    share: float = Field(0.5, ge=0, description="share of the variance along them that is added")
+    usual_distance: float = Field(
+        10.0, ge=0, description="squared distance, expected of a landmark, up to which nothing is added to it"
+    )
+    share: float = Field(1.0, ge=0, description="share of the variance along them that is added beyond, in the limit")
+    covered_share: float = Field(
+        0.5, ge=0, description="share that is added to every landmark while something covers a part of the face"
+    )
 
 
 class VisibilitySettings(Settings):

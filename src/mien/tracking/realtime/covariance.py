@@ -3,7 +3,8 @@
 The views of the first frame show how a landmark's descriptor varies with the pose, and a little of how it varies with
 the light. How a lamp that moves changes this face, or how its skin folds, they do not show. What is left of a
 descriptor where the face has been found changes mostly along one or two directions for seconds: those are added to the
-covariance, so that what is seen along them moves the face no longer, and what is seen across them still does.
+covariance, so that what is seen along them moves the face no longer, and what is seen across them still does; the more
+of them, the stranger the landmark mostly looks, as what is left where it looks as usual is small and of many kinds.
 
 How strange a landmark looks is still judged by the views alone, as something else may come slowly.
 
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from mien.appearance.regression import PoseRegression
-from mien.arrays import Float32, Mask
+from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.config.realtime import CovarianceSettings
 from mien.tracking.realtime.definite import cholesky
@@ -43,25 +44,33 @@ class LearnedCovariance:
         self.gain: Float32 = np.concatenate([appearance.gain, -np.ones(self.directions.shape[:2], np.float32)], axis=1)
         self.frames = 0
 
-    def learn(self, residual: Float32, trusted: Mask, worth: float) -> None:
+    def learn(self, residual: Float32, trusted: Mask, share: Array, worth: float) -> None:
         """Take a frame: residual (n, 128), observed less expected descriptors, of the landmarks that are trusted (n,);
-        worth: in [0, 1], how much the frame can teach."""
-        s = self.settings
+        share: (n,) of the variance that is added, see `share`; worth: in [0, 1], how much the frame can teach."""
         self.frames += 1
         metric = self.U, self.gain, self.inverse_floor
-        _learn(self.directions, metric, residual, trusted, s.rate, worth, s.share, self.frames % _EVERY)
+        _learn(self.directions, metric, residual, trusted, self.settings.rate, worth, share, self.frames % _EVERY)
+
+    def share(self, expected: Array, covered: bool) -> Array:
+        """Share (n,) of the variance along the directions that is added, by the squared distance that is expected of
+        each landmark, expected (n,). covered: whether something lies on the face; then a landmark may look strange
+        because of that, and all have the same share."""
+        s = self.settings
+        if covered:
+            return np.full(len(expected), s.covered_share)
+        return np.asarray(s.share * np.maximum(1 - s.usual_distance / expected, 0.0))
 
 
 @kernel()
 def _learn(
-    directions: Any, metric: Any, residual: Any, trusted: Any, rate: float, worth: float, share: float, turn: int
+    directions: Any, metric: Any, residual: Any, trusted: Any, rate: float, worth: float, share: Any, turn: int
 ) -> None:
     """What `LearnedCovariance.learn` does; turn: which landmarks' metrics are made anew, as a remainder."""
     for i in range(trusted.size):
         if trusted[i]:
             follow(directions[i], residual[i].copy(), rate, worth)
         if i % _EVERY == turn:
-            _renew(metric[0][i], metric[1][i], metric[2][i], directions[i], share)
+            _renew(metric[0][i], metric[1][i], metric[2][i], directions[i], share[i])
 
 
 @kernel()

@@ -176,7 +176,8 @@ class Person:
         """Follow what changes the look of a face at rest, as light does, near enough to the front."""
         if self.face.fine.at(solution.pose.angles) is self.face.fine:
             worth = self.shape.worth(solution.pose.animation - self.rest)
-            self.covariance.learn(solution.at.residual, solution.facing & (solution.w > TRUSTED), worth)
+            share = self.covariance.share(self.expected, covered=not self.covers.learnable.all())
+            self.covariance.learn(solution.at.residual, solution.facing & (solution.w > TRUSTED), share, worth)
 
     def metric(self, level: Level) -> tuple[Float32, Float32, int]:
         """Eigenvectors U (n, k, 128) and gain (n, k) of the metric at a level, and how many of the last of them were
