@@ -48,10 +48,10 @@ def _own_source(file: Path) -> bytes:
 
 
 def is_cached(compiled: Any) -> bool:
-    """Whether a kernel is on disk as its source is now; True where nothing can be kept there."""
+    """Whether a kernel is on disk as its source is now, for this processor; True where nothing can be kept there."""
     index = _index_of(compiled)
     try:
-        return index is None or bool(index._load_index())
+        return index is None or compiled.targetctx.codegen().magic_tuple() in {key[1] for key in index._load_index()}
     except (OSError, EOFError, UnpicklingError):
         return False
 

@@ -42,11 +42,7 @@ def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     assert done.stdout.strip() == "0 compiled here"
 
 
-def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(tmp_path: Path) -> None:
-    """As by an upgrade; not because a file was written again as it was."""
-    package = tmp_path / "mien"
-    shutil.copytree(Path(mien.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    script = """
+KNOWN = """
 from mien.compiled import is_cached
 from mien.tracking.realtime.first_run import POLYNOMIAL, _compile
 
@@ -55,20 +51,36 @@ print(is_cached(kernel))
 _compile(POLYNOMIAL)
 print(is_cached(kernel))
 """
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
 
-    def run() -> list[str]:
-        command = [sys.executable, "-c", script]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-        return done.stdout.split()
 
+def _known(**environment: str) -> list[str]:
+    """Whether a kernel is known, before and after it is compiled."""
+    command = [sys.executable, "-c", KNOWN]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(tmp_path: Path) -> None:
+    """As by an upgrade; not because a file was written again as it was."""
+    package = tmp_path / "mien"
+    shutil.copytree(Path(mien.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     called = package / "tracking" / "realtime" / "pose_geometry.py"
-    assert run() == ["False", "True"]
+    assert _known(**environment) == ["False", "True"]
     called.write_text(called.read_text(encoding="utf-8"), encoding="utf-8")
-    assert run() == ["True", "True"]
+    assert _known(**environment) == ["True", "True"]
     called.write_text(called.read_text(encoding="utf-8") + "\n", encoding="utf-8")
-    assert run() == ["False", "True"]
+    assert _known(**environment) == ["False", "True"]
+
+
+def test_a_kernel_is_compiled_anew_for_another_processor(tmp_path: Path) -> None:
+    """As where machines share a folder, or a wheel was made elsewhere."""
+    here = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    elsewhere = here | {"NUMBA_CPU_NAME": "generic"}
+    assert _known(**elsewhere) == ["False", "True"]
+    assert _known(**here) == ["False", "True"]
+    assert _known(**elsewhere) == _known(**here) == ["True", "True"]
 
 
 @pytest.fixture
