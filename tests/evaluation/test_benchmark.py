@@ -20,6 +20,9 @@ from mien.evaluation.datasets import load_dataset
 from mien.evaluation.plan import Evaluation, Plan, command_of, label, result_path, timing_path
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.scores import load_scores
+from mien.evaluation.tables import by_kind
+from mien.initialization.landmark_files import write_landmarks
+from mien.initialization.landmarks import Landmarks
 from mien.processes import Call, Command, Ended, run_commands
 
 STILL, SHIFTED = "evaluation.tiny:Still", "evaluation.tiny:Shifted"
@@ -57,6 +60,22 @@ def test_a_result_of_other_settings_is_made_again(tmp_path: Path) -> None:
     run_plan(plan)
     run_plan(replace(plan, focal_px=400.0))
     assert _result(plan, STILL).settings["focal_px"] == 400.0
+
+
+def test_a_result_that_is_kept_is_of_the_kind_that_the_sequence_has_now(tmp_path: Path) -> None:
+    """As the name of a folder tells it, which does not change the videos in it."""
+    plan = replace(_plan(tmp_path, STILL), dataset="buft", root=tiny.buft(tmp_path / "set"), landmarks="detected")
+    (sequence,) = load_dataset(plan.dataset, plan.root)
+    first = Path(first_frame_job(plan, sequence).out)
+    first.parent.mkdir(parents=True)
+    write_landmarks(first, Landmarks(tiny.face68(), "ibug68"))
+    run_plan(plan)
+    made = result_path(plan.out, STILL, "jam1").stat().st_mtime_ns
+    run_plan(replace(plan, root=plan.root.rename(tmp_path / "set_vary")))
+    assert result_path(plan.out, STILL, "jam1").stat().st_mtime_ns == made
+    (row,) = by_kind(load_scores(plan.out)).rows
+    assert "0 of 6" in row
+    assert "—" not in row
 
 
 def test_landmarks_are_detected_again_for_another_focal_length(tmp_path: Path) -> None:

@@ -217,7 +217,8 @@ def load_scores(out: Path, protocol: str | None = None) -> Scores:
     for tracker in evaluation.trackers:
         for sequence, kind in zip(evaluation.sequences, evaluation.kinds_of_sequences, strict=True):
             missing = SequenceResult(tracker, evaluation.dataset, sequence, kind, failure="not run yet")
-            result = _result(result_path(out, tracker, sequence), missing)
+            # A result is kept when the folder that tells the kind has another name.
+            result = replace(_result(result_path(out, tracker, sequence), missing), kind=kind)
             scores.append(Score(result, chosen, evaluation.lost_deg))
             timing = _timing_of(result, timing_path(out, tracker, sequence))
             timings += [] if timing is None else [timing]
