@@ -87,6 +87,18 @@ def test_landmarks_are_detected_again_for_another_focal_length(tmp_path: Path) -
         assert len({first_frame_job(one, sequence).out for one in plans}) == files
 
 
+@pytest.mark.parametrize("source", ["detected", "truth"])
+def test_first_landmarks_are_made_again_by_other_code(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a detector, or a reader of the truth, that was corrected."""
+    plan = replace(_plan(tmp_path, STILL), landmarks=source)
+    (sequence, *_) = load_dataset(plan.dataset, plan.root)
+    before = first_frame_job(plan, sequence).out
+    monkeypatch.setattr(benchmark, "code_checksum", lambda: "corrected")
+    assert first_frame_job(plan, sequence).out != before
+
+
 def test_failures_are_rows_and_stop_nothing(tmp_path: Path) -> None:
     trackers = [
         f"evaluation.tiny:{name}" for name in ("Raises", "Exits", "Vanishes", "Crashes", "Hangs", "Still", "Missing")

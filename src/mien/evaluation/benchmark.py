@@ -118,13 +118,11 @@ def _require_own_files(plan: Plan, sequences: Sequence[DataSequence]) -> None:
 
 
 def first_frame_job(plan: Plan, sequence: DataSequence) -> Job:
-    """The job that makes the landmarks of a first frame; their file name contains a checksum of their inputs, with the
-    code and the focal length, by which they are straightened, if they are detected."""
-    if plan.landmarks == "detected":
-        made_by = [code_checksum(), str(plan.focal_px)]
-    else:
-        made_by = [__version__, *(_checksum(f) for f in sequence.truth_files)]
-    inputs = _digest([*made_by, _checksum(sequence.video)])[:12]
+    """The job that makes the landmarks of a first frame; their file name contains a checksum of code, video and what
+    else they are made of: the focal length, by which detected ones are straightened, or the truth."""
+    detected = plan.landmarks == "detected"
+    made_of = [str(plan.focal_px)] if detected else [_checksum(file) for file in sequence.truth_files]
+    inputs = _digest([code_checksum(), *made_of, _checksum(sequence.video)])[:12]
     file = plan.out / "landmarks" / f"{sequence.name}-{plan.landmarks}-{inputs}.json"
     return Job(
         task="landmarks",
