@@ -116,6 +116,14 @@ def test_spread_is_that_of_a_sample_of_sequences() -> None:
     assert np.isnan(spread_of_errors(scores[:1])).all()
 
 
+def test_a_sequence_without_a_frame_that_counts_hides_no_spread() -> None:
+    """As under `paper` where the face was lost throughout."""
+    errors = ([1.0, 2, 3], [np.nan] * 3, [3.0, 2, 7])
+    scores: Any = [SimpleNamespace(mean_errors=np.array(e)) for e in errors]
+    np.testing.assert_allclose(spread_of_errors(scores), np.sqrt([2, 0, 8]))
+    assert np.isnan(spread_of_errors(scores[:2])).all()
+
+
 def test_each_angle_of_table_1_has_its_own_spread(out: Path) -> None:
     """One sequence with a mean error of 2.5 degrees of pan, and one without any."""
     scores = load_scores(out)

@@ -267,8 +267,9 @@ def aligned_errors(scores: Sequence[Score]) -> Array:
 
 
 def spread_of_errors(scores: Sequence[Score]) -> Array:
-    """(3,) standard deviation of E_tilt, E_pan, E_roll over the sequences; NaN if there is only one."""
-    errors = np.array([s.mean_errors for s in scores])
+    """(3,) standard deviation of E_tilt, E_pan, E_roll over the sequences with frames that count; NaN if there is only
+    one."""
+    errors = np.array([e for s in scores if np.isfinite(e := s.mean_errors).all()])
     return errors.std(axis=0, ddof=1) if len(errors) > 1 else np.full(3, np.nan)
 
 
