@@ -240,6 +240,15 @@ def test_talking_face_refuses_two_annotations_of_one_frame(as_video: bool, other
         load_dataset("talking-face", tmp_path)
 
 
+def test_talking_face_tells_of_points_without_an_image(tmp_path: Path) -> None:
+    """As of images in another folder, of which nothing is tracked."""
+    tiny.talking_face(tmp_path, face68(), tiny.pts(face68()), (0, 2))
+    tiny.talking_face(tmp_path / "more", face68(), tiny.pts(face68()), (1,))
+    (tmp_path / "more" / "franck_00001.pts").rename(tmp_path / "more" / "franck_00009.pts")
+    with pytest.warns(MienWarning, match=r"no image for 1 of the 3 point files, such as .*franck_00009\.pts"):
+        load_dataset("talking-face", tmp_path)
+
+
 # Annotated video
 
 

@@ -1,8 +1,8 @@
 """Talking Face: 5000 frames of one talking person, 68 points in each (FGnet, 2004).
 
 PATH is a folder with `franck_00000.jpg` .. and `franck_00000.pts` .., or with one video and such point files, also in
-subfolders; frames without a point file have no truth. A point file belongs to the image with its name, or to the frame
-of the video with its number, starting at 0.
+subfolders; frames without a point file have no truth, and point files without an image are warned of. A point file
+belongs to the image with its name, or to the frame of the video with its number, starting at 0.
 
 The first point file determines the format of all. The points are between braces (`version: 1`, `n_points: 68`), or are
 68 plain lines of x and y. Their order is that of iBUG, or that of FGnet's own annotation (the same as XM2VTS's), in
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from mien.arrays import Array
-from mien.errors import MienError, require
+from mien.errors import MienError, require, warn
 from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_finite
 from mien.evaluation.points12 import POINT_NAMES, TWELVE
 from mien.initialization.landmark_files import PTS_ORIGIN, read_landmarks
@@ -43,6 +43,12 @@ def load(root: Path) -> tuple[Sequence, ...]:
     numbered = [(frame_of[file.stem], file) for file in found if file.stem in frame_of]
     files = dict(numbered)
     require(bool(files), f"{root}: none of the {len(points)} point files has the name of an image")
+    without = [file for file in found if file.stem not in frame_of]
+    if without:
+        warn(
+            f"{video} has no image for {len(without)} of the {len(found)} point files, such as {without[0]}, which are "
+            "not used; keep all images in one folder"
+        )
     twice = [f"{file} and {files[frame]}" for frame, file in numbered if file != files[frame]]
     if twice:
         raise MienError(f"{twice[0]} belong to the same frame; keep one of them")
