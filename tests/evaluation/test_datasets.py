@@ -282,6 +282,18 @@ def test_times_far_from_the_first_frame_say_nothing_of_it(tmp_path: Path) -> Non
         assert read_pose_csv(tmp_path / "some.csv").first is None
 
 
+@pytest.mark.parametrize("begin", [1.7e9, 1.7e12, 1.7e18])
+@pytest.mark.parametrize("rows", [2, 5, 50])
+def test_times_since_1970_do_not_say_which_frame_is_the_first(begin: float, rows: int, tmp_path: Path) -> None:
+    """As loggers write them, in seconds, milliseconds or nanoseconds: no line through them is known at time zero."""
+    step = 0.04 * {1.7e9: 1, 1.7e12: 1e3, 1.7e18: 1e9}[begin]
+    lines = [f"{i + 1},{begin + step * i:.6f},0,0,0" for i in range(rows)]
+    (tmp_path / "logged.csv").write_text("\n".join(["frame,timestamp,pose_Rx,pose_Ry,pose_Rz", *lines]))
+    table = read_pose_csv(tmp_path / "logged.csv")
+    assert table.first is None
+    assert table.rate == pytest.approx(1 / step, rel=1e-4)
+
+
 @pytest.mark.parametrize(("rows", "first"), [(slice(None), 1), (slice(10, None), None)])
 def test_uneven_times_say_it_by_the_row_of_time_zero_alone(tmp_path: Path, rows: slice, first: int | None) -> None:
     """Of a camera that drops three frames: the line through all others passes a whole frame beside the first."""

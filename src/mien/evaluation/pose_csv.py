@@ -151,13 +151,17 @@ def _rate_and_first(frame: Array, time: Array) -> tuple[float | None, int | None
     frame, time = frame[np.isfinite(time)], time[np.isfinite(time)]
     if len(set(time.tolist())) < 2 or len(set(frame.tolist())) < 2:
         return None, None
-    (rate, at_zero), covariance = np.polyfit(time, frame, 1, cov="unscaled")
-    sd = _TIME_SD * abs(rate) * math.sqrt(covariance[1, 1])
-    of_zero, nearest = frame[np.abs(time) < _TIME_SD], round(float(at_zero))
-    even = float(np.abs(frame - rate * time - at_zero).max()) < _EVEN
+    # About the means: seconds since 1970 leave a line through zero without digits.
+    middle, since, counted = float(time.mean()), time - time.mean(), frame - frame.mean()
+    spread = float(since @ since)
+    rate = float(since @ counted) / spread
+    at_zero = float(frame.mean()) - rate * middle
+    sd = _TIME_SD * abs(rate) * math.sqrt(1 / len(time) + middle * middle / spread)
+    of_zero, nearest = frame[np.abs(time) < _TIME_SD], round(at_zero)
+    even = float(np.abs(counted - rate * since).max()) < _EVEN
     first = nearest if even and max(abs(at_zero - nearest), 3 * sd) < _CLOSE else None
     first = int(of_zero[0]) if len(of_zero) else first
-    return float(rate), first if first in (0, 1) else None
+    return rate, first if first in (0, 1) else None
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
