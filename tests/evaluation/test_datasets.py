@@ -155,11 +155,18 @@ def test_rendered_refuses_what_it_cannot_read(tmp_path: Path) -> None:
     for more, words in (
         ({"landmarks68": np.zeros((FRAMES, 136))}, "landmarks68 of each frame must have the shape"),
         ({"expression": np.zeros((FRAMES, 2))}, "expression of each frame must have the shape"),
+        ({"landmarks68": np.array(0.0)}, "landmarks68 of each frame must have the shape"),
+        ({"expression": np.zeros((FRAMES, 2)), "expression_names": "jawOpen"}, "expression of each frame must have"),
+        ({"expression": np.full((FRAMES, 1), "wide"), "expression_names": ["jawOpen"]}, "expression holds no numbers"),
         ({"R": 0 * R}, "R of frame 0 is no rotation"),
     ):
         np.savez(exact, **({"R": R} | more))
         with pytest.raises(MienError, match=words):
             _truth("rendered", tmp_path)
+    with exact.open("wb") as file:
+        np.save(file, R)
+    with pytest.raises(MienError, match="not a readable npz file"):
+        _truth("rendered", tmp_path)
     for broken in ("no archive", ""):
         exact.write_text(broken)
         with pytest.raises(MienError, match="not a readable npz file"):

@@ -48,20 +48,18 @@ def load(root: Path) -> tuple[Sequence, ...]:
 def read_truth(path: Path, frames: int) -> Truth:
     """Read the exact truth from a `NAME_truth.npz`, for a video with this number of frames."""
     values = _read_npz(path)
-    R = np.asarray(values["R"], dtype=float)
-    require_frames(len(R), frames, path)
-    landmarks = _optional(values, "landmarks68")
-    expression = _optional(values, "expression")
+    names = tuple(str(n) for n in np.atleast_1d(values.get("expression_names", ())))
+    R = _array(values, "R", (3, 3), path)
+    landmarks = _array(values, "landmarks68", (68, 2), path)
+    expression = _array(values, "expression", (len(names),), path)
+    if R is None:
+        raise MienError(f"{path} has no rotations R of shape (n, 3, 3); create the file again")
     for name, array in (("the rotation", R), ("a landmark", landmarks), ("the expression", expression)):
         if array is not None:
             require_frames(len(array), frames, path)
             require_finite(array, path, name)
     determinant = np.linalg.det(R)
     require(bool((determinant > 0).all()), f"{path}: R of frame {int(np.argmin(determinant))} is no rotation")
-    names = tuple(str(n) for n in values.get("expression_names", ()))
-    for key, array, shape in (("landmarks68", landmarks, (68, 2)), ("expression", expression, (len(names),))):
-        fits = array is None or array.shape[1:] == shape
-        require(fits, f"{path}: {key} of each frame must have the shape {shape}; create the file again")
     if landmarks is not None:
         landmarks = landmarks + IMAGE_OFFSET
     return Truth(frames, rotations=FACING @ R, landmarks=landmarks, expression=expression, expression_names=names)
@@ -80,12 +78,19 @@ def _sequence(video: Path) -> Sequence | None:
 def _read_npz(path: Path) -> Mapping[str, Any]:
     try:
         with np.load(path) as file:
-            values = dict(file)
-    except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as e:
+            return dict(file)
+    except (OSError, ValueError, TypeError, EOFError, BadZipFile, zlib.error) as e:  # TypeError: of a single array
         raise MienError(f"{path} is not a readable npz file ({e}); create it again") from e
-    require("R" in values and values["R"].shape[1:] == (3, 3), f"{path} has no rotations R of shape (n, 3, 3)")
-    return values
 
 
-def _optional(values: Mapping[str, Any], key: str) -> Array | None:
-    return np.asarray(values[key], dtype=float) if key in values else None
+def _array(values: Mapping[str, Any], key: str, shape: tuple[int, ...], path: Path) -> Array | None:
+    """The numbers (frames, *shape) with this name; None if there are none."""
+    if key not in values:
+        return None
+    try:
+        array = np.asarray(values[key], dtype=float)
+    except ValueError as e:
+        raise MienError(f"{path}: {key} holds no numbers ({e}); create the file again") from e
+    fits = array.ndim > 0 and array.shape[1:] == shape
+    require(fits, f"{path}: {key} of each frame must have the shape {shape}; create the file again")
+    return array
