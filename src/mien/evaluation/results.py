@@ -129,9 +129,9 @@ class SequenceResult:
 class Timing:
     """The cost of one tracker on one sequence, from a separate run.
 
-    frame_seconds: duration of `track` for each frame after the first, without decoding; training_seconds: duration of
-    `initialize`; peak_mb: peak resident memory of the process, including interpreter and libraries; busy_cores:
-    processor time of all threads of the process during these frames, over their duration.
+    frame_seconds: duration of `track` for each frame that was timed after the first, without decoding;
+    training_seconds: duration of `initialize`; peak_mb: peak resident memory of the process, including interpreter and
+    libraries; busy_cores: processor time of all threads of the process during these frames, over their duration.
     """
 
     tracker: str

@@ -85,7 +85,8 @@ def time_sequence(
     name: str = "tracker",
     settings: Mapping[str, Any] | None = None,
 ) -> Timing:
-    """Time each call of a tracker, without decoding, after a warm-up with another instance.
+    """Time each call of a tracker in the first `MAXIMUM_TIMED_FRAMES` frames, without decoding, after a warm-up with
+    another instance.
 
     make_tracker: called without arguments; the warm-up takes what is compiled or loaded once per process.
     """
