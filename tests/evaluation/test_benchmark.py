@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from evaluation import tiny
-from mien.errors import MienError
+from mien.errors import MienError, MienWarning
 from mien.evaluation import benchmark
 from mien.evaluation.benchmark import _select, first_frame_job, run_plan, track_job
 from mien.evaluation.datasets import load_dataset
@@ -60,6 +60,24 @@ def test_a_result_of_other_settings_is_made_again(tmp_path: Path) -> None:
     run_plan(plan)
     run_plan(replace(plan, focal_px=400.0))
     assert _result(plan, STILL).settings["focal_px"] == 400.0
+
+
+def test_a_report_after_a_run_that_was_stopped_warns_of_older_results(tmp_path: Path) -> None:
+    plan = _plan(tmp_path, STILL, names=("a_uniform1", "b_wide1"))
+    run_plan(plan)
+    load_scores(plan.out)
+
+    def stop(done: int, total: int, name: str) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    other = replace(plan, focal_px=400.0)
+    with pytest.raises(KeyboardInterrupt):
+        run_plan(other, progress=stop)
+    with pytest.warns(MienWarning, match="out has results of different focal lengths; run mien evaluate again"):
+        load_scores(plan.out)
+    run_plan(other)
+    load_scores(plan.out)
 
 
 def test_a_result_that_is_kept_is_of_the_kind_that_the_sequence_has_now(tmp_path: Path) -> None:

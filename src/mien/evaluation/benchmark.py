@@ -149,6 +149,7 @@ def track_job(plan: Plan, tracker: str, sequence: DataSequence) -> Job:
         "tracker": name,
         "input": _checksum(file) if file and file.is_file() else "",
         "own": _checksum(code) if (code := code_of(tracker)) else "",
+        "source": plan.landmarks,
         "landmarks": _checksum(Path(first.out)) if Path(first.out).exists() else "",
         "video": _checksum(sequence.video),
         "truth": _digest([_checksum(f) for f in sequence.truth_files]),

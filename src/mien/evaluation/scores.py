@@ -21,6 +21,14 @@ from mien.evaluation.protocols import Comparison, Protocol, compare, protocol_na
 from mien.evaluation.results import SequenceResult, Timing
 from mien.tracking.state import EXPRESSION_NAMES
 
+_SHARED = {
+    "version": "versions of mien",
+    "code": "states of mien's code",
+    "source": "kinds of first landmarks",
+    "focal_px": "focal lengths",
+}
+"""Settings that all results of one run have alike, and what several of them are."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -206,7 +214,8 @@ class Scores:
 
 def load_scores(out: Path, protocol: str | None = None) -> Scores:
     """Load a results folder and score it, by default under the protocol of its evaluation. A damaged file causes a
-    warning, and its result has no metrics.
+    warning, and its result has no metrics; results of a run that was stopped beside those of an earlier one cause one
+    as well.
 
     Raises MienError if the folder contains no evaluation.
     """
@@ -222,7 +231,15 @@ def load_scores(out: Path, protocol: str | None = None) -> Scores:
             scores.append(Score(result, chosen, evaluation.lost_deg))
             timing = _timing_of(result, timing_path(out, tracker, sequence))
             timings += [] if timing is None else [timing]
+    _warn_of_mixture(out, [score.result for score in scores])
     return Scores(evaluation, chosen, tuple(scores), tuple(timings))
+
+
+def _warn_of_mixture(out: Path, results: Sequence[SequenceResult]) -> None:
+    """Warn of results that were made with different settings, as where a run with others was stopped."""
+    for key, several in _SHARED.items():
+        if len({r.settings[key] for r in results if key in r.settings and not r.failure}) > 1:
+            warn(f"{out} has results of different {several}; run mien evaluate again, which makes the older ones anew")
 
 
 def _result(path: Path, missing: SequenceResult) -> SequenceResult:
