@@ -129,6 +129,19 @@ def test_rendered_reads_the_exact_truth(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth.first_landmarks("x").points, points - 0.25)
 
 
+def test_rendered_reads_the_focal_length(tmp_path: Path) -> None:
+    exact = tiny.rendered(tmp_path) / "a_uniform1_truth.npz"
+    R = head_rotations(angles_deg())
+    np.savez(exact, R=R, focal=800.0)
+    (sequence,) = load_dataset("rendered", tmp_path)
+    assert sequence.camera_for(320, 240) == Camera(800, 160, 120)
+    assert sequence.with_focal(600.0).camera_for(320, 240) == Camera(600, 160, 120)
+    for none in (-3.0, np.nan, "long", [500.0, 500.0]):
+        np.savez(exact, R=R, focal=none)
+        with pytest.raises(MienError, match="focal is no focal length in pixels"):
+            _truth("rendered", tmp_path)
+
+
 def test_rendered_without_exact_truth_reads_the_dat(tmp_path: Path) -> None:
     tiny.rendered(tmp_path)
     (tmp_path / "a_uniform1_truth.npz").unlink()

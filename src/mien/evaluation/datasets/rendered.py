@@ -2,9 +2,9 @@
 
 The kind of a sequence is part of its name: `a_uniform1` is of kind `uniform`. `NAME_truth.npz` contains `R` (n, 3, 3)
 and `t` with `X_camera = diag(1, -1, -1) R X + t`, `landmarks68` (n, 68, 2), `expression` and `expression_names`, and
-`focal`. If there is only the `.dat`, it is read like BUFT's. Measured on these sequences, the `.dat` contains tilt, pan
-and roll of `R_0^T R_t = Rx(tilt) Ry(pan) Rz(roll)`, as the protocol `rebased` interprets it. The points are shifted to
-where the images show them.
+`focal`, pixels. If there is only the `.dat`, it is read like BUFT's. Measured on these sequences, the `.dat` contains
+tilt, pan and roll of `R_0^T R_t = Rx(tilt) Ry(pan) Rz(roll)`, as the protocol `rebased` interprets it. The points are
+shifted to where the images show them.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from mien.geometry.rotation import FACING
 from mien.video import VIDEO_SUFFIXES
 
 CAMERA = Camera(500.0, 160.0, 120.0)
+"""The camera of these heads; `NAME_truth.npz` may have another focal length."""
 IMAGE_OFFSET = -0.25
 """Shift in pixels, to the right and down, from `landmarks68` to where the images show them. Measured from the images
 alone: -0.22 and -0.38, each to 0.03 (`benchmarks/picture_offset.py`); -0.25 follows if they were rendered at twice the
@@ -48,6 +50,7 @@ def load(root: Path) -> tuple[Sequence, ...]:
 def read_truth(path: Path, frames: int) -> Truth:
     """Read the exact truth from a `NAME_truth.npz`, for a video with this number of frames."""
     values = _read_npz(path)
+    _camera(values, path)  # raises for a focal length that is none
     names = tuple(str(n) for n in np.atleast_1d(values.get("expression_names", ())))
     R = _array(values, "R", (3, 3), path)
     landmarks = _array(values, "landmarks68", (68, 2), path)
@@ -69,10 +72,24 @@ def _sequence(video: Path) -> Sequence | None:
     exact, dat = video.with_name(f"{video.stem}_truth.npz"), video.with_suffix(".dat")
     kind = re.sub(r"\d+$", "", video.stem.split("_", 1)[-1])
     if exact.exists():
-        return Sequence(video.stem, kind, video, (exact,), partial(read_truth, exact), CAMERA)
+        try:
+            camera = _camera(_read_npz(exact), exact)
+        except MienError:  # which `read_truth` raises for this sequence alone
+            camera = CAMERA
+        return Sequence(video.stem, kind, video, (exact,), partial(read_truth, exact), camera)
     if dat.exists():
         return Sequence(video.stem, kind, video, (dat,), partial(buft.read_truth, dat), CAMERA)
     return None
+
+
+def _camera(values: Mapping[str, Any], path: Path) -> Camera:
+    """The camera with the `focal` of a truth file; `CAMERA` if it has none."""
+    if "focal" not in values:
+        return CAMERA
+    try:
+        return replace(CAMERA, focal_px=float(values["focal"].item()))
+    except ValueError as e:
+        raise MienError(f"{path}: focal is no focal length in pixels ({e}); create the file again") from e
 
 
 def _read_npz(path: Path) -> Mapping[str, Any]:
