@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import sys
+import zlib
 from pathlib import Path
 
 import cv2
@@ -104,6 +107,25 @@ def test_broken_image_of_a_folder_is_left_out_and_keeps_its_place(tmp_path: Path
     with pytest.warns(MienWarning, match=r"b.png is not a readable image"):
         frames = list(open_video(tmp_path))
     assert [f.index for f in frames] == [0, 2]
+
+
+def test_an_image_that_states_an_impossible_size_is_left_out(tmp_path: Path) -> None:
+    for name in "ab":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), gradient(1))
+    content = bytearray((tmp_path / "b.png").read_bytes())
+    content[16:24] = struct.pack(">II", 100_000, 100_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "b.png").write_bytes(content)
+    with pytest.warns(MienWarning, match=r"b.png is not a readable image"):
+        assert [f.index for f in open_video(tmp_path)] == [0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of other systems are text")
+def test_a_tiff_may_have_a_name_that_is_not_valid_utf_8(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.tif"), gradient(1)[..., ::-1])
+    (tmp_path / "0.tif").rename(tmp_path / os.fsdecode(b"\xff.tif"))
+    (frame,) = frames_of(tmp_path)
+    np.testing.assert_array_equal(frame.pixels, gradient(1))
 
 
 @pytest.mark.parametrize("fps", [10, 59.94])

@@ -97,8 +97,17 @@ def _warn_of_others(path: Path, images: list[Path], videos: int, batch: str) -> 
     stems = {file.stem for file in images}
     if len(stems) <= len(images) // 2:
         warn(f"{path} holds images of the same names in several formats; each is read as a frame of its own")
-    if images[0].suffix.lower() in _PAGED and cv2.imcount(str(images[0])) > 1:
+    if images[0].suffix.lower() in _PAGED and _count_in(images[0]) > 1:
         warn(f"{images[0]} holds several images, of which the first is read, as of others like it")
+
+
+def _count_in(file: Path) -> int:
+    """Number of images in a file; 1 for a name that is not valid UTF-8, at which OpenCV would crash."""
+    try:
+        str(file).encode()
+    except UnicodeEncodeError:
+        return 1
+    return int(cv2.imcount(str(file)))
 
 
 def _warn_of_gap(path: Path, images: list[Path]) -> None:
@@ -146,10 +155,14 @@ def _read_image(file: Path) -> Any:
         data = np.fromfile(file, np.uint8)
     except OSError:
         return None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
-    if image is None or image.dtype in (np.uint8, np.uint16):
-        return image
-    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+    if not data.size:
+        return None
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+        known = image is None or image.dtype in (np.uint8, np.uint16)
+        return image if known else cv2.imdecode(data, cv2.IMREAD_COLOR)
+    except cv2.error:  # it states a size that no image has
+        return None
 
 
 def _eight_bit(image: NDArray[np.uint16], bits: int) -> Pixels:
