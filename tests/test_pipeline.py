@@ -30,6 +30,7 @@ from mien.output.destination import Destination
 from mien.output.recorder import Recorder
 from mien.pipeline import passes, run
 from mien.pipeline import track as pipeline
+from mien.pipeline.landmarks import write_first_frame
 from mien.start import first_frame
 from mien.start.footage import Footage
 from mien.tracking.state import Estimate, Status
@@ -133,6 +134,17 @@ def test_a_camera_is_free_again_though_the_error_that_ended_it_is_kept(
 
     with pytest.raises(KeyboardInterrupt) as kept:
         mien.track(0, landmarks=face().landmarks, progress=stop)
+    assert kept.tb is not None
+    assert device.released
+
+
+def test_a_camera_is_free_again_though_its_first_frame_was_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    device = Device(portrait_images())
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    with pytest.raises(MienError, match="lies outside the image") as kept:
+        write_first_frame(0, tmp_path / "found.json", face=(1e4, 0))
     assert kept.tb is not None
     assert device.released
 

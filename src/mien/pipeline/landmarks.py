@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 from mien.candide.model import Candide
@@ -48,7 +48,8 @@ def write_first_frame(
     require_free((output, picture), (video, camera))  # the landmarks themselves may be the output
     is_given = isinstance(landmarks, (str, Path)) and real_path(Path(landmarks)) == real_path(output)
     _require_own(output, picture, is_given, is_named=plot is not None)
-    begin = prepare(Footage(open_video(video, fps), camera, focal_px, fov_deg, start), landmarks, at_once, face)
+    with closing(Footage(open_video(video, fps), camera, focal_px, fov_deg, start)) as footage:
+        begin = prepare(footage, landmarks, at_once, face)
     fit = fit_first_frame(begin.landmarks, begin.camera, Candide.default().with_whole_brows())
     _, points, _ = begin.landmarks.correspondences()
     mesh = Mesh(fit.in_camera(), fit.model.triangles)
