@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import cv2
 import numpy as np
@@ -131,6 +132,24 @@ def test_a_camera_that_gives_no_image_is_told(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(MienError, match="camera 0 gives no image"):
         next(iter(open_video(0)))
     assert device.released
+
+
+def test_a_camera_that_is_stopped_while_it_is_opened_leaves_the_log_of_opencv_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stop(number: int) -> None:
+        raise KeyboardInterrupt
+
+    log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, else OpenCV 4
+    before = log.getLogLevel()
+    log.setLogLevel(3)
+    try:
+        monkeypatch.setattr(cv2, "VideoCapture", stop)
+        with pytest.raises(KeyboardInterrupt):
+            next(iter(open_video(0)))
+        assert log.getLogLevel() == 3
+    finally:
+        log.setLogLevel(before)
 
 
 def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,8 +52,10 @@ class CameraDevice:
         log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, else OpenCV 4
         level = log.getLogLevel()
         log.setLogLevel(0)  # the error below replaces OpenCV's messages
-        device = cv2.VideoCapture(self.number)
-        log.setLogLevel(level)
+        try:
+            device = cv2.VideoCapture(self.number)
+        finally:
+            log.setLogLevel(level)
         try:
             require(device.isOpened(), missing)
             first = now = 0.0
