@@ -297,9 +297,14 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
         (BatchOptions(fps=0), "fps is 0"),
         (BatchOptions(focal_px=500, fov_deg=60), "in more than one way"),
         (BatchOptions(start=2, end=1), "must come before the end"),
+        (BatchOptions(faces=0), "0 faces to track"),
+        (BatchOptions(passes=3), "passes is 3; give 1 or 2"),
+        (BatchOptions(passes=2, preset="mediapipe"), "mediapipe learns nothing that a second pass could use"),
     ):
         with pytest.raises(MienError, match=message):
             track_all([videos], tmp_path / "out", options)
+    with pytest.raises(MienError, match="0 videos at a time"):
+        track_all([videos], tmp_path / "out", jobs=0)
     assert not (tmp_path / "out" / "summary.csv").exists()
 
 

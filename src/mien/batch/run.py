@@ -12,12 +12,13 @@ from typing import Any
 
 from mien.batch.options import BatchOptions, pictures_of
 from mien.batch.videos import find_videos
-from mien.errors import MienError, warn
+from mien.errors import MienError, require, warn
 from mien.files import exists, require_writable
 from mien.output.destination import has_other_content
 from mien.output.sole_use import sole_use
 from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
 from mien.output.track_files import read_metadata
+from mien.pipeline.track import check_faces, check_passes
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker
 from mien.start.footage import check_options
@@ -48,9 +49,13 @@ def track_all(
     written, or another run writes into this folder; a video that cannot be tracked becomes a row in the state `failed`.
     """
     options = options or BatchOptions()
-    create_tracker(options.preset)  # report wrong options once, now, and not for every video
+    tracker = create_tracker(options.preset)  # report wrong options once, now, and not for every video
+    check_passes(options.passes, tracker, options.preset)
+    check_faces(options.faces)
     check_options(options)
     check_fps(options.fps)
+    jobs = available_processors() if jobs is None else jobs
+    require(jobs >= 1, f"{jobs} videos at a time; give 1 or more, or omit it")
     found = [[Row(video, table)] for video, table in find_videos(paths, out)]
     require_writable(out / SUMMARY)
     with sole_use(out):
@@ -61,7 +66,7 @@ def _track_found(
     found: list[list[Row]],
     summary: Summary,
     options: BatchOptions,
-    jobs: int | None,
+    jobs: int,
     progress: Progress,
     forked: bool,
 ) -> list[Row]:
@@ -85,7 +90,7 @@ def _track_found(
     due = monotonic()
     try:
         progress(len(found) - len(waiting), len(found), "")
-        for ended in run_commands(commands, jobs or available_processors(), started=started.append, forked=forked):
+        for ended in run_commands(commands, jobs, started=started.append, forked=forked):
             k = waiting[ended.index]
             found[k] = _outcome(found[k][0], ended, earlier)
             if (begun := monotonic()) >= due:

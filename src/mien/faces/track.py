@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from numbers import Integral
 from pathlib import Path
 
 from mien.errors import MienError, noted_warnings, require, warn, warnings_noted
@@ -16,7 +15,7 @@ from mien.output.destination import Destination, write_in_any_case
 from mien.output.track import Track
 from mien.pipeline.drawing import mesh_of
 from mien.pipeline.passes import Pass, run_passes
-from mien.pipeline.track import Progress, check_mesh, check_passes, reporter
+from mien.pipeline.track import Progress, check_faces, check_mesh, check_passes, reporter
 from mien.registry import DEFAULT_PRESET, create_tracker, file_of
 from mien.start.first_frame import Start, prepare
 from mien.start.footage import Footage
@@ -61,10 +60,10 @@ def track_faces(
     footage = Footage(open_video(video, fps), camera, focal_px, fov_deg, start, end, fps)
     files = Destination.checked(save, overlay, plot, gltf, inputs)
     tracker = create_tracker(preset)
-    check_passes(passes, footage.video, tracker, preset)
+    check_passes(passes, tracker, preset, footage.video)
     check_mesh(files, tracker, preset)
     name = footage.video.name
-    require(isinstance(faces, Integral) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
+    check_faces(faces)
     faces = int(faces)
     for face_id in range(1, faces):
         files.of_face(face_id).check(inputs)

@@ -77,7 +77,7 @@ def track(
     files = Destination.checked(save, overlay, plot, gltf, inputs=(video, landmarks, camera, file_of(preset)))
     if show:
         require_screen()
-    check_passes(passes, footage.video, tracker, preset)
+    check_passes(passes, tracker, preset, footage.video)
     check_mesh(files, tracker, preset)
     report = reporter(progress, footage, passes)
     with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
@@ -103,12 +103,19 @@ def _show_waiting(window: Window | None, footage: Footage, frame: Frame) -> None
         window.show(draw(frame, [FaceOverlay(before_start(frame))], footage.camera_of(frame)))
 
 
-def check_passes(passes: int, video: Video, tracker: Tracker, preset: str) -> None:
-    """Raise MienError for a number of passes that the video or the tracker does not allow."""
+def check_passes(passes: int, tracker: Tracker, preset: str, video: Video | None = None) -> None:
+    """Raise MienError for a number of passes that the tracker or, if it is known, the video does not allow."""
     require(isinstance(passes, Integral) and passes in (1, 2), f"passes is {passes!r}; give 1 or 2")
     if passes > 1:
-        require(video.repeatable, f"{video.name} can be read only once; a second pass needs a file or a list of frames")
+        if video is not None:
+            again = video.repeatable
+            require(again, f"{video.name} can be read only once; a second pass needs a file or a list of frames")
         require(isinstance(tracker, RepeatableTracker), f"{preset} learns nothing that a second pass could use; give 1")
+
+
+def check_faces(faces: int) -> None:
+    """Raise MienError for a number of faces that cannot be tracked."""
+    require(isinstance(faces, Integral) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
 
 
 def check_mesh(files: Destination, tracker: Tracker, preset: str) -> None:
