@@ -103,6 +103,14 @@ def test_each_face_has_a_track_and_all_are_drawn(video: Path, tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("detector")
+def test_a_face_that_comes_later_is_tracked_back_also_at_times_below_zero(video: Path) -> None:
+    """As those that a program counts from an event."""
+    frames = [Frame(frame.pixels, frame.index, frame.time - 100) for frame in open_video(video)]
+    _, second = track_faces(frames, 2, focal_px=FOCAL, at_once=True)
+    assert [k for k, status in enumerate(second.status) if status != "lost"] == list(HERE)
+
+
+@pytest.mark.usefixtures("detector")
 def test_no_more_faces_than_are_wanted(video: Path, tmp_path: Path) -> None:
     """And the track says what was warned of."""
     (tmp_path / "out.face1.csv").write_bytes(b"")

@@ -143,7 +143,7 @@ def _within(begin: Start, footage: Footage) -> Start:
         begin,
         footage=footage,
         frames=footage.frames(),
-        since=max(before, footage.start or 0.0),
+        since=before if footage.start is None else max(before, footage.start),
         reported=0,
         face=None,
         instead=begin.instead and _within(begin.instead, footage),
