@@ -37,12 +37,11 @@ class Recorder:
     def __init__(self, path: Path | None = None, face_id: int = 0) -> None:
         self.path = path or Path(tempfile.gettempdir())
         self.face_id = face_id
-        self.count = 0
-        self.last_index = -1
         self.landmark_names: tuple[str, ...] = ()
         self.mm_per_unit = 1.0
         self.turn = np.eye(3)
         self._buffer: list[Estimate] = []
+        self._flushed, self._flushed_index = 0, -1  # number of rows in the file, and the index of the last of them
         self._written = 0  # bytes of the file that hold whole batches; an interrupt may leave a part of one after them
         self._model_rotations = array("d")
         with named_errors(self.path):
@@ -56,22 +55,30 @@ class Recorder:
         with suppress(OSError):  # on a full disk, flushing the buffer fails; its content is no longer needed
             self._file.close()
 
+    @property
+    def count(self) -> int:
+        """Number of rows so far."""
+        return self._flushed + len(self._buffer)
+
+    @property
+    def last_index(self) -> int:
+        """Index of the frame of the last row, -1 if there is none."""
+        return self._buffer[-1].index if self._buffer else self._flushed_index
+
     def add(self, estimate: Estimate) -> None:
-        """Append one row. Raises MienError if it has other landmarks than an earlier one."""
+        """Append one row; where this is interrupted, `last_index` tells whether it is there. Raises MienError if it has
+        other landmarks than an earlier one."""
         self.landmark_names = landmark_names_with(self.landmark_names, estimate)
-        self._buffer.append(estimate)
-        R = estimate.model_rotation
-        self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
         if estimate.status.success:
             self.mm_per_unit = float(estimate.mm_per_unit)  # as JSON takes it
-        self.count += 1
-        self.last_index = estimate.index
+        self._buffer.append(estimate)
         if len(self._buffer) >= BATCH:
             self._flush()
 
     @property
     def model_rotations(self) -> Array:
         """(n, 3, 3) `Estimate.model_rotation` of all rows, NaN where there is none."""
+        self._flush()
         return np.array(self._model_rotations).reshape(-1, 3, 3)
 
     def table(self) -> pa.Table:
@@ -101,4 +108,10 @@ class Recorder:
                 with pa.ipc.new_stream(self._file, table.schema) as stream:
                     stream.write_table(table)
                 self._file.flush()
-                self._written, self._buffer = self._file.tell(), []
+                written = self._file.tell()
+            del self._model_rotations[9 * self._flushed :]  # those of a flush that was interrupted
+            for estimate in self._buffer:
+                R = estimate.model_rotation
+                self._model_rotations.extend([math.nan] * 9 if R is None else R.ravel().tolist())
+            # Without a call from one to the next, where an interrupt could come.
+            self._flushed, self._flushed_index, self._written, self._buffer = self.count, self.last_index, written, []
