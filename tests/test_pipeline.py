@@ -665,6 +665,23 @@ def test_an_error_on_the_way_keeps_the_rows_and_says_so(
     assert json.loads((tmp_path / "out.json").read_text())["stopped"] == "ZeroDivisionError: a bug"
 
 
+@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
+def test_a_stopped_track_names_an_overlay_only_where_there_is_one(
+    error: type[BaseException], tracker: StillTracker, folder: Path, tmp_path: Path
+) -> None:
+    """That of what fails is discarded."""
+
+    def stop(estimate: Estimate, count: int | None) -> None:
+        if estimate.index == 4:
+            raise error
+
+    files = {"save": tmp_path / "out.csv", "overlay": tmp_path / "out.mp4"}
+    with pytest.warns(MienWarning, match="stopped after 5 frames"), pytest.raises(error):
+        mien.track(folder, landmarks=face().landmarks, progress=stop, **files)
+    named = json.loads((tmp_path / "out.json").read_text())["overlay"]
+    assert (named is not None) == (tmp_path / "out.mp4").exists() == (error is KeyboardInterrupt)
+
+
 def test_stopped_before_there_is_a_head_to_write_it_says_so_and_where_the_rows_are(
     tracker: StillTracker, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

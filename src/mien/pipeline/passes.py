@@ -131,7 +131,7 @@ def _run_forward(onwards: Pass, back: Tracker, earlier: dict[int, Estimate], rec
 
 def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException, drawn: bool) -> None:
     """Write the frames that were tracked before this error, except in a second pass; the files hold the first. drawn:
-    whether the overlay, if one is wanted, holds some of the second."""
+    whether the overlay, if one is wanted and this is the last pass, holds some of them."""
     table = learned.files.table
     if learned.number > 1 and table is not None:
         overlay = learned.files.overlay if drawn else None
@@ -141,7 +141,8 @@ def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException, draw
         with suppress(MienError):  # the original error matters more than a failure to write the rows
             stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
             track = _track_of(learned, recorder, stopped)
-            learned.files.write_table(track)
+            has_overlay = drawn and learned.number == learned.passes  # else there is none that NAME.json could name
+            (learned.files if has_overlay else replace(learned.files, overlay=None)).write_table(track)
             warn(f"stopped after {recorder.count} frames, which are in {table}")
             try:
                 learned.files.write_drawn(track)
