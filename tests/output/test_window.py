@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -45,6 +46,14 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Screen:
     monkeypatch.setattr(cv2, "getWindowProperty", lambda *_: float(screen.open))
     monkeypatch.setattr(cv2, "destroyWindow", screen.close)
     return screen
+
+
+def test_a_video_whose_name_is_not_valid_utf_8_is_shown(screen: Screen, monkeypatch: pytest.MonkeyPatch) -> None:
+    titles: list[str] = []
+    monkeypatch.setattr(cv2, "namedWindow", lambda title, _: titles.append(title))
+    with Window(os.fsdecode(b"lat\xe9in.mp4")):
+        (title,) = titles
+    assert title.encode().startswith(b"lat")  # else OpenCV crashes
 
 
 def test_a_picture_is_shown_in_its_colours_and_its_size(screen: Screen) -> None:

@@ -33,9 +33,10 @@ class Window:
 
     def __init__(self, title: str) -> None:
         require_screen()
-        self.title, self._size = title, (0, 0)
+        # OpenCV would crash at the name of a file that is not valid UTF-8.
+        self.title, self._size = title.encode(errors="backslashreplace").decode(), (0, 0)
         try:
-            cv2.namedWindow(title, cv2.WINDOW_NORMAL | cv2.WINDOW_KEEPRATIO | cv2.WINDOW_GUI_NORMAL)
+            cv2.namedWindow(self.title, cv2.WINDOW_NORMAL | cv2.WINDOW_KEEPRATIO | cv2.WINDOW_GUI_NORMAL)
         except cv2.error as error:
             raise MienError("this OpenCV cannot show a video; write an overlay instead") from error
 
