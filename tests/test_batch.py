@@ -727,6 +727,15 @@ def test_a_summary_that_can_be_read_only_in_part_is_not_replaced(tmp_path: Path)
             Summary.read(tmp_path / "summary.csv")
 
 
+@pytest.mark.parametrize(("names", "cells", "several"), [("note,", ",mine,", "'note'"), (",", ",a,b", "''")])
+def test_columns_of_one_name_are_refused_before_one_is_lost(
+    names: str, cells: str, several: str, tmp_path: Path
+) -> None:
+    (tmp_path / "summary.csv").write_text(f"video,table,state,face_id,note,{names}\n/v/a.mp4,a.csv,tracked,0,{cells}\n")
+    with pytest.raises(MienError, match=f"has several columns {several}; give each a name of its own"):
+        Summary.read(tmp_path / "summary.csv")
+
+
 @pytest.mark.parametrize("content", [b"name,age\nMia,7\n", b"frame,timestamp\n", b"\xff\x00"])
 def test_the_summary_of_others_is_not_replaced(
     content: bytes, videos: Path, code: dict[str, str], tmp_path: Path

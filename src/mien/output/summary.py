@@ -161,19 +161,26 @@ class Summary:
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
-    """The rows of a summary, none if there is no file. Raises MienError if the file is something else."""
+    """The rows of a summary, none if there is no file. Raises MienError if the file is something else, or has several
+    columns of one name, of which all but one would be lost when it is written."""
     if not size_of(path):
         return []
-    rows, names = list[dict[str, str]](), set[str]()
+    rows, names, doubled = list[dict[str, str]](), set[str](), set[str]()
     with suppress(ValueError, csv.Error), opened_csv(path) as stream:
-        reader = csv.DictReader(stream)
-        every = ({name: value or "" for name, value in row.items() if name is not None} for row in reader)
-        rows = [row for row in every if row.get("table")]
-        names = set(reader.fieldnames or ())  # only if all of it can be read: what is not is lost when it is written
+        reader = csv.reader(stream)
+        header = next(reader, [])
+        for cells in reader:
+            named = list(zip(header, cells, strict=False))
+            doubled |= {name for name, cell in named if cell and header.count(name) > 1}
+            rows.append(dict.fromkeys(header, "") | dict(named))
+        rows = [row for row in rows if row.get("table")]
+        names = set(header)  # only if all of it can be read: what is not is lost when it is written
     require(
         names >= {"video", "table", "state", "face_id"},
         f"{path} exists and is not a summary by mien batch; choose another folder with -o, or move it away",
     )
+    several = ", ".join(map(repr, sorted(doubled)))
+    require(not several, f"{path} has several columns {several}; give each a name of its own")
     return rows
 
 
