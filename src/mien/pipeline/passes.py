@@ -31,8 +31,8 @@ from mien.video import Video
 @dataclass(frozen=True)
 class Pass:
     """One pass of a tracker over its frames. files: where the result goes; report: called for each estimate; passes:
-    their number, of which the last is drawn; number: 1, or more for a pass that starts with what the previous one has
-    learned; window: shows the overlay; face_id: index of the face in the video."""
+    their number, of which the last has the overlay video; number: 1, or more for a pass that starts with what the
+    previous one has learned; window: shows the overlay of each; face_id: index of the face in the video."""
 
     begin: Start
     preset: str
@@ -46,7 +46,7 @@ class Pass:
 
 
 def run_passes(first: Pass) -> Iterator[tuple[Track, Tracker]]:
-    """Run all passes; yield the track of each, and the tracker with what it has learned. Only the last is drawn."""
+    """Run all passes; yield the track of each, and the tracker with what it has learned."""
     this = first
     for number in range(1, first.passes + 1):
         if number > 1 and isinstance(this.tracker, RepeatableTracker):
