@@ -827,7 +827,7 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
             raise KeyboardInterrupt
 
     out = tmp_path / "out"
-    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="stopped; 1 of 3 videos are done"):
+    with pytest.warns(MienWarning, match="stopped; 1 of 3 videos are done"), pytest.raises(KeyboardInterrupt):
         track_all([videos], out, jobs=3, progress=stop)
     assert [row["state"] for row in _summary(out)] == ["tracked", "not yet", "not yet"]
     running = [int(file.read_text()) for file in (out / "sub").glob("*.pid")]
@@ -879,7 +879,7 @@ def test_stopped_before_it_is_tracked_again_a_video_keeps_what_was_noted(
             if done == reached:
                 raise KeyboardInterrupt
 
-        with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="the same command tracks all of them"):
+        with pytest.warns(MienWarning, match="the same command tracks all of them"), pytest.raises(KeyboardInterrupt):
             track_all([videos], out, BatchOptions(again=True), jobs=2, progress=stop)
         assert [row["state"] for row in _summary(out)][1:] == [state, "not yet"]
         rows = track_all([videos], out)

@@ -130,7 +130,7 @@ def test_what_is_done_is_written_when_it_is_stopped(video: Path, tmp_path: Path)
         if len(heard) == COUNT + 20:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="out.face1.csv"):
+    with pytest.warns(MienWarning, match="out.face1.csv"), pytest.raises(KeyboardInterrupt):
         track_faces(video, 2, focal_px=FOCAL, at_once=True, progress=progress, save=tmp_path / "out.csv")
     first, second = (Track.read(tmp_path / name) for name in ("out.csv", "out.face1.csv"))
     assert len(first) == COUNT

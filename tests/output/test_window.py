@@ -78,7 +78,7 @@ def test_a_key_or_a_closed_window_interrupts(key: int, screen: Screen) -> None:
 def test_what_was_tracked_until_then_is_written(screen: Screen, tmp_path: Path) -> None:
     video, table = write_video(tmp_path / "face.mkv", portrait_images()), tmp_path / "out.csv"
     screen.key, screen.pressed_in = ESCAPE, 2
-    with pytest.raises(KeyboardInterrupt), pytest.warns(MienWarning, match="stopped after 3 frames"):
+    with pytest.warns(MienWarning, match="stopped after 3 frames"), pytest.raises(KeyboardInterrupt):
         mien.track(video, landmarks=face().landmarks, save=table, show=True)
     assert len(screen.shown) == len(mien.Track.read(table)) == 3
 
