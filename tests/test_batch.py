@@ -42,6 +42,17 @@ settings = pathlib.Path(sys.argv[2] + ".json")
 settings.write_text(json.dumps(json.loads(settings.read_text()) | {{"warnings": ["the face is turned"]}}))
 """
 SLOW = "import os, pathlib, sys, time; pathlib.Path(sys.argv[2] + '.pid').write_text(str(os.getpid())); time.sleep(600)"
+FINISHES = f"""
+import os, pathlib, signal, sys, time
+
+def finish(*_):
+    {COPY}
+    os._exit(0)
+
+signal.signal(signal.SIGTERM, finish)
+pathlib.Path(sys.argv[2] + ".pid").write_text(str(os.getpid()))
+time.sleep(600)
+"""
 FIND = "import sys; from pathlib import Path; from mien import batch; batch.find_videos([Path(sys.argv[1])], Path('o'))"
 AFTER_SLOW = """
 import pathlib, sys, time
@@ -835,6 +846,19 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
     for pid in running:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_stopped_it_counts_what_was_finished_meanwhile(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code.update({"a.mp4": AFTER_SLOW + COPY, "b.avi": FINISHES, "c.MOV": SLOW})
+
+    def stop(done: int, total: int, name: str) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.warns(MienWarning, match="stopped; 2 of 3 videos are done"), pytest.raises(KeyboardInterrupt):
+        track_all([videos], out, jobs=3, progress=stop)
+    assert [row["state"] for row in _summary(out)] == ["tracked", "kept", "not yet"]
 
 
 def test_writing_the_summary_takes_a_small_share_of_the_time(

@@ -99,14 +99,14 @@ def _track_found(
                 due = monotonic() + (monotonic() - begun) / _SHARE_OF_WRITING
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
-        done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
-        how = "the same command tracks all of them again" if options.again else "run the same command again to continue"
-        warn(f"stopped; {done} of {len(found)} videos are done; {how}")
         for k in waiting:
             if found[k][0].state == PENDING:
                 (row,) = found[k]  # unless its process has finished it meanwhile
                 finished = _times([row.table]).get(row.table) != earlier.get(row.table)
                 found[k] = (finished and _kept_rows(row, options)) or [row]
+        done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
+        how = "the same command tracks all of them again" if options.again else "run the same command again to continue"
+        warn(f"stopped; {done} of {len(found)} videos are done; {how}")
         raise
     finally:
         summary.write(found)
