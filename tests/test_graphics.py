@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import pickle
+import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -106,5 +109,9 @@ def test_graphics_outside_the_image_are_refused() -> None:
     with pytest.raises(MienError, match="lie outside 60x40"):
         Graphics(WIDTH, HEIGHT, 50, 15, RING)
     values = Graphics(WIDTH, HEIGHT, 20, 15, RING).to_dict()
-    with pytest.raises(MienError, match="no PNG"):
-        Graphics.from_dict(values | {"mask_png": ""})
+    huge = bytearray(base64.b64decode(values["mask_png"]))
+    huge[16:24] = struct.pack(">II", 100_000, 100_000)
+    huge[29:33] = struct.pack(">I", zlib.crc32(huge[12:29]))
+    for png in (b"", b"text", bytes(huge)):
+        with pytest.raises(MienError, match="no PNG"):
+            Graphics.from_dict(values | {"mask_png": base64.b64encode(png).decode()})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -101,7 +102,9 @@ class Graphics:
     def from_dict(values: dict[str, Any]) -> Graphics:
         """The graphics that `to_dict` gave. Raises KeyError, TypeError, ValueError or MienError for anything else."""
         png = np.frombuffer(base64.b64decode(values["mask_png"], validate=True), np.uint8)
-        mask = cv2.imdecode(png, cv2.IMREAD_GRAYSCALE) if png.size else None
+        mask: NDArray[Any] | None = None
+        with suppress(cv2.error):  # it is empty, or states a size that no image has
+            mask = cv2.imdecode(png, cv2.IMREAD_GRAYSCALE)
         require(mask is not None, "`mask_png` of the graphics is no PNG in Base64; remove the graphics")
         width, height, x, y = (int(values[name]) for name in ("width", "height", "x", "y"))
         return Graphics(width, height, x, y, np.asarray(mask) > 0)
