@@ -830,16 +830,22 @@ def test_a_table_whose_settings_are_not_understood_is_made_again(
     assert _states(track_all([videos], out)) == ["kept"] * 3
 
 
-def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
-    code.update({"a.mp4": AFTER_SLOW + COPY, "b.avi": SLOW, "c.MOV": SLOW})
+def _stop_after_the_first(videos: Path, out: Path) -> None:
+    """Ctrl-C when the first of three videos that are tracked at a time is done."""
 
     def stop(done: int, total: int, name: str) -> None:
         if done:
             raise KeyboardInterrupt
 
-    out = tmp_path / "out"
-    with pytest.warns(MienWarning, match="stopped; 1 of 3 videos are done"), pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt):
         track_all([videos], out, jobs=3, progress=stop)
+
+
+def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    code.update({"a.mp4": AFTER_SLOW + COPY, "b.avi": SLOW, "c.MOV": SLOW})
+    out = tmp_path / "out"
+    with pytest.warns(MienWarning, match="stopped; 1 of 3 videos are done"):
+        _stop_after_the_first(videos, out)
     assert [row["state"] for row in _summary(out)] == ["tracked", "not yet", "not yet"]
     running = [int(file.read_text()) for file in (out / "sub").glob("*.pid")]
     assert len(running) == 2
@@ -850,14 +856,9 @@ def test_stopped_it_says_what_is_done(videos: Path, code: dict[str, str], tmp_pa
 
 def test_stopped_it_counts_what_was_finished_meanwhile(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     code.update({"a.mp4": AFTER_SLOW + COPY, "b.avi": FINISHES, "c.MOV": SLOW})
-
-    def stop(done: int, total: int, name: str) -> None:
-        if done:
-            raise KeyboardInterrupt
-
     out = tmp_path / "out"
-    with pytest.warns(MienWarning, match="stopped; 2 of 3 videos are done"), pytest.raises(KeyboardInterrupt):
-        track_all([videos], out, jobs=3, progress=stop)
+    with pytest.warns(MienWarning, match="stopped; 2 of 3 videos are done"):
+        _stop_after_the_first(videos, out)
     assert [row["state"] for row in _summary(out)] == ["tracked", "kept", "not yet"]
 
 
