@@ -55,12 +55,8 @@ def test_a_head_is_out_of_sight_outside_the_image_and_from_behind(head: RigidHea
 def test_a_head_that_is_registered_outside_the_image_has_left_it(monkeypatch: pytest.MonkeyPatch) -> None:
     outside = Pose(FACING, face().fit.t + np.array([5.0, 0, 0]))
     monkeypatch.setattr(LaCasciaTracker, "_follow", lambda self, view: outside)
-    assert (
-        "left the image"
-        in run(LaCasciaTracker(), make_sequence(face(), moved(face(), *np.zeros((2, 2, 3)), np.zeros((2, 6)))))[
-            -1
-        ].reason
-    )
+    still = make_sequence(face(), moved(face(), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 6))))
+    assert "left the image" in run(LaCasciaTracker(), still)[-1].reason
 
 
 @pytest.mark.parametrize("make", [LaCasciaTracker, XiaoTracker, MorencyTracker])

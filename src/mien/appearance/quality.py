@@ -40,14 +40,14 @@ def noise_image(sd: float, size: int, scale: float, rng: np.random.Generator) ->
     return np.asarray(cv2.resize(noise.astype(np.float32), (size, size), interpolation=how), np.float32)
 
 
-def sharpness(image: Float32, blur: float) -> float:
-    """How much fine detail a crop (size, size) of a face shows, in its middle: between blurs of 0.8 and 1.6 pixels,
-    relative to that between 1.6 and 3.2. blur: standard deviation in pixels by which it is blurred, at most `FINEST`.
+def sharpness(image: Float32) -> float:
+    """How much fine detail a crop (size, size) of a face, blurred by `FINEST`, shows in its middle: between blurs of
+    0.8 and 1.6 pixels, relative to that between 1.6 and 3.2.
 
     Of faces in focus, 100 pixels wide in the crop, this is 0.47 to 0.75, whoever they are; of those that were blurred
     by 1.5 and 2.5 pixels where they were 60 pixels wide, 0.35 to 0.4 and 0.3. 1 for a blank image."""
-    finest, finer, fine = (blurred(image, math.sqrt(max((k * FINEST) ** 2 - blur**2, 0.0))) for k in (1, 2, 4))
+    finer, fine = (blurred(image, FINEST * math.sqrt(k**2 - 1)) for k in (2, 4))
     margin = len(image) // 8
     middle = slice(margin, -margin)
-    detail, coarser = (float(np.std((a - b)[middle, middle])) for a, b in ((finest, finer), (finer, fine)))
+    detail, coarser = (float(np.std((a - b)[middle, middle])) for a, b in ((image, finer), (finer, fine)))
     return detail / coarser if coarser > 1e-3 else 1.0

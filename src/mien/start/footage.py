@@ -180,9 +180,11 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
 
 def _size_stated(values: Mapping[str, Any]) -> Mapping[str, Any]:
     """A JSON with the size of its images where a NAME.json has it, also if it has it as a calibration does."""
+    if "video" in values:
+        return values
     stated = (values.get(name) for name in ("image_width", "image_height"))
     width, height = (None if number is None else round(float(number)) for number in stated)
-    return values if "video" in values else {"video": {"width": width, "height": height}}
+    return {"video": {"width": width, "height": height}}
 
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:

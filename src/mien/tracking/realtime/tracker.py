@@ -147,7 +147,7 @@ class RealtimeTracker:
         if it is blurred or coarsely compressed."""
         pose = self.pose
         crop = self.face.fine.camera(self.camera, pose.ray, pose.roll, pose.distance)
-        sharp = sharpness(crop.sample(frame, FINEST), FINEST)  # however much the descriptors are smoothed
+        sharp = sharpness(crop.sample(frame, FINEST))  # however much the descriptors are smoothed
         rounding = (frame.quantizer_step or 0.0) * crop.scale
         poor = "blurred or enlarged" if sharp < _BLURRED else "coarsely compressed" if rounding > _COARSE else ""
         if poor:
