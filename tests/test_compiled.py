@@ -6,34 +6,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import numba
 import pytest
-
-from mien import compiled
-from mien.errors import MienWarning
-
-
-def test_without_a_folder_that_can_be_written_kernels_are_compiled_all_the_same(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    njit = numba.njit
-
-    def without_cache(*functions: Any, **options: Any) -> Any:
-        if options.get("cache"):
-            raise RuntimeError("cannot cache function: no locator available")
-        return njit(*functions, **options)  # without options Numba decorates its own
-
-    monkeypatch.setattr(numba, "njit", without_cache)
-    compiled._warn_without_cache.cache_clear()
-    with pytest.warns(MienWarning, match="set NUMBA_CACHE_DIR"):
-
-        @compiled.kernel()
-        def double(x: float) -> float:
-            return 2 * x
-
-    assert double(4.0) == 8.0
 
 
 def _run(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -52,16 +26,30 @@ def test_a_kernel_outside_mien_is_compiled_anew_when_it_has_changed(tmp_path: Pa
         assert done.stdout.strip() == printed, done.stderr
 
 
-def test_where_the_disk_is_full_kernels_are_compiled_all_the_same(tmp_path: Path) -> None:
-    code = """
+NO_SPACE = """
 import errno
 from numba.core.caching import IndexDataCacheFile
-from mien.compiled import kernel
 
 def full(*_):
     raise OSError(errno.ENOSPC, "No space left on device")
 
 IndexDataCacheFile.save = full
+"""
+NO_FOLDER = """
+import tempfile
+
+def read_only(*_, **__):
+    raise PermissionError("read-only file system")
+
+tempfile.TemporaryFile = read_only  # with which Numba tries a folder
+"""
+
+
+@pytest.mark.parametrize("failing", [NO_SPACE, NO_FOLDER + NO_SPACE], ids=["full disk", "read-only"])
+def test_where_nothing_can_be_written_kernels_are_compiled_all_the_same(failing: str, tmp_path: Path) -> None:
+    code = f"""
+{failing}
+from mien.compiled import kernel
 
 @kernel()
 def added(x):
@@ -75,18 +63,16 @@ print(added(1))
 
 
 def test_the_process_that_is_forked_warns_as_the_command_line_does() -> None:
-    code = """
+    code = f"""
+{NO_FOLDER}
 import numba
+from mien import compiled
 
-njit = numba.njit
+def without_cache(*_):
+    compiled._warn_without_cache()
+    exit()
 
-def without_cache(**options):
-    if options["cache"]:
-        raise RuntimeError("cannot cache function: no locator available")
-    return njit(**options)
-
-numba.njit = without_cache
-numba.core.dispatcher.Dispatcher.compile = lambda *_: exit()
+numba.core.dispatcher.Dispatcher.compile = without_cache
 import mien.worker
 """
     command = [sys.executable, "-c", code]

@@ -12,6 +12,17 @@ from zipfile import ZipFile
 import pytest
 
 CHECKOUT = Path(__file__).parents[1]
+READ_ONLY = """
+import os
+import tempfile
+
+def refused(*_, dir=None, open_=tempfile.TemporaryFile, **__):  # with which Numba tries a folder
+    if dir.startswith(os.environ["READ_ONLY"]):
+        raise PermissionError("read-only file system")
+    return open_(dir=dir)
+
+tempfile.TemporaryFile = refused
+"""
 FIRST_RUN = """
 import sys
 
@@ -51,12 +62,17 @@ def test_nothing_is_compiled_on_the_first_run(checkout: Path, tmp_path: Path) ->
     assert not wheel.name.endswith("none-any.whl")
     ZipFile(wheel).extractall(tmp_path / "site")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *sys.path])}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path / "home" / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
-    done = subprocess.run(
-        [sys.executable, "-c", FIRST_RUN], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [str(tmp_path / "site" / "mien" / "__init__.py"), "True []"]
+    for read_only in ("nothing", "site", ""):  # that of nobody, of somebody who has a home, and of a container
+        done = subprocess.run(
+            [sys.executable, "-c", READ_ONLY + FIRST_RUN],
+            env=environment | {"READ_ONLY": str(tmp_path / read_only)},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines() == [str(tmp_path / "site" / "mien" / "__init__.py"), "True []"]
+        assert "NUMBA_CACHE_DIR" not in done.stderr
 
 
 def test_where_nothing_can_be_compiled_the_wheel_is_of_python_alone(checkout: Path) -> None:

@@ -16,6 +16,7 @@ from pickle import UnpicklingError
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 from mien.errors import warn
 
@@ -42,23 +43,60 @@ def _source_stamp() -> str:
     return digest.hexdigest()
 
 
-def _own_source(file: Path) -> bytes:
-    """The source of a kernel that is not mien's, as of a benchmark; nothing for those in the digest."""
-    return b"" if Path(__file__).parent in file.parents or not file.is_file() else file.read_bytes()
+def _stamp(file: Path) -> tuple[str, bytes]:
+    """Of all that a kernel is compiled from: mien's digest, and the file where that is another's, as a benchmark's."""
+    own = b"" if Path(__file__).parent in file.parents or not file.is_file() else file.read_bytes()
+    return _source_stamp(), own
+
+
+class _Beside:
+    """For Numba, which reads what `pip` has compiled beside the source only if it can write there, too: that folder."""
+
+    def __init__(self, function: Callable[..., Any], file: str) -> None:
+        self._py_file, self._line = file, function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> _Beside:
+        return cls(function, file)
+
+    def ensure_cache_path(self) -> None:
+        """Before a kernel is written there, which fails by itself where it cannot be."""
+
+    def get_cache_path(self) -> str:
+        return str(Path(self._py_file).parent / "__pycache__")
+
+    def get_source_stamp(self) -> tuple[str, bytes]:
+        return _stamp(Path(self._py_file))
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _KeptBeside(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Beside,)
+
+
+class _Installed(FunctionCache):  # type: ignore[misc]
+    """What is beside the source of a kernel, whether that folder can be written or not."""
+
+    _impl_class = _KeptBeside
 
 
 def is_cached(compiled: Any) -> bool:
     """Whether a kernel is on disk as its source is now, for this processor; True where nothing can be kept there."""
-    index = _index_of(compiled)
+    cache = getattr(compiled, "_cache", None)
+    if cache is None or isinstance(cache, _Installed):
+        return True
+    processor = compiled.targetctx.codegen().magic_tuple()
+    return any(processor in _processors(kept) for kept in (cache, getattr(cache, "installed", None)) if kept)
+
+
+def _processors(cache: Any) -> set[Any]:
+    """For which a cache has a kernel as its source is now."""
     try:
-        return index is None or compiled.targetctx.codegen().magic_tuple() in {key[1] for key in index._load_index()}
+        return {key[1] for key in cache._cache_file._load_index()}
     except (OSError, EOFError, UnpicklingError):
-        return False
-
-
-def _index_of(compiled: Any) -> Any:
-    """Numba's index of what is on disk of a kernel, which knows the stamp of the source; None where nothing is kept."""
-    return getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+        return set()
 
 
 @cache
@@ -69,11 +107,8 @@ def _warn_without_cache() -> None:
     )
 
 
-def _keep_where_possible(compiled: Any) -> None:
+def _keep_where_possible(cache: Any) -> None:
     """Let a kernel that cannot be written to its folder, as on a full disk, be compiled anew at every start."""
-    cache = getattr(compiled, "_cache", None)
-    if cache is None:  # as with NUMBA_DISABLE_JIT
-        return
     save = cache.save_overload
 
     def save_or_warn(*overload: Any) -> None:
@@ -85,19 +120,29 @@ def _keep_where_possible(compiled: Any) -> None:
     cache.save_overload = save_or_warn
 
 
+def _load_installed_too(cache: Any, function: Callable[..., Any]) -> None:
+    """Where Numba keeps a kernel elsewhere, as it cannot write beside the source, let it also load what is there."""
+    installed = _Installed(function)
+    if numba.config.CACHE_DIR or installed.cache_path == cache.cache_path:
+        return
+    load, cache.installed = cache.load_overload, installed
+    cache.load_overload = lambda *overload: load(*overload) or installed.load_overload(*overload)
+
+
 def kernel(**options: Any) -> Callable[[F], F]:
     """Decorator that compiles a function of arrays and numbers; options override the defaults for `numba.njit`."""
 
     def decorate(function: F) -> F:
         try:
-            compiled: F = numba.njit(**_OPTIONS | options)(function)
+            compiled: Any = numba.njit(**_OPTIONS | options)(function)
         except RuntimeError:  # neither the package's folder nor the user's can be written
-            _warn_without_cache()
             compiled = numba.njit(**_OPTIONS | options | {"cache": False})(function)
-        _keep_where_possible(compiled)
-        index = _index_of(compiled)
-        if index is not None:
-            index._source_stamp = _source_stamp(), _own_source(Path(function.__code__.co_filename))
-        return compiled
+            compiled._cache = _Installed(function)
+        cache = getattr(compiled, "_cache", None)
+        if cache is not None:  # as with NUMBA_DISABLE_JIT
+            cache._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename))
+            _keep_where_possible(cache)
+            _load_installed_too(cache, function)
+        return compiled  # type: ignore[no-any-return]
 
     return decorate
