@@ -37,7 +37,7 @@ _MOST_REFINED = 8
 _LEAST_GAIN = 0.12
 """Smallest improvement for which a later first frame is taken, as a fraction of the error of a track begun at rest."""
 TURNED_DEG = 15.0
-"""Rotation of the face in the first frame beyond which errors are twice as large (docs/benchmark.md)."""
+"""Rotation of the face in the first frame beyond which errors are two to four times as large (docs/benchmark.md)."""
 _GONE_SECONDS = 1.0
 """How long a live camera's face may not be detected before the wait for it begins anew."""
 _PATIENCE = 3.0
