@@ -159,10 +159,10 @@ def measured(path: Path) -> Iterator[tuple[str, list[Moved]]]:
 
 
 def main() -> None:
-    parser = parser_of(__doc__, "path")
+    arguments = parser_of(__doc__, "path").parse_args()
     warnings.simplefilter("ignore", MienWarning)
     print_heads("", "", *TRACKED_UNITS)
-    for name, moved in measured(parser.parse_args().path):
+    for name, moved in measured(arguments.path):
         reported, true, sd = (np.concatenate(column) for column in zip(*moved, strict=True))
         error = reported - true
         if true.any():
