@@ -12,8 +12,8 @@ from mien.arrays import Array
 from mien.errors import MienError, MienWarning
 from mien.frame import Frame
 from mien.graphics import Graphics
-from mien.initialization.landmarks import LANDMARK_NAMES, place_of
-from mien.synthetic import SyntheticSequence
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, place_of
+from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 from small_motion import errors_deg, face
@@ -62,3 +62,12 @@ def test_graphics_of_another_video_are_refused() -> None:
     graphics = Graphics(640, 480, 0, 0, np.ones((4, 4), dtype=bool))
     with pytest.raises(MienError, match="another size"):
         _track(sequence(), graphics)
+
+
+def test_what_faces_away_in_the_first_frame_is_not_behind_graphics() -> None:
+    """Graphics in the corner of the image cover nothing of a face, however it is turned."""
+    truth = make_sequence(face(), moved(face(), np.array([[0.0, -45.0, 0.0]]), np.zeros((1, 3)), np.zeros((1, 6))))
+    frame, tracker = truth.frames[0], RealtimeTracker()
+    corner = Graphics(frame.width, frame.height, 0, 0, np.ones((4, 4), dtype=bool))
+    tracker.initialize(frame, Landmarks(truth.landmarks[0], "candide26", graphics=corner), face().camera)
+    assert tracker.axes.first.covered == 0

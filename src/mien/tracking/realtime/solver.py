@@ -67,17 +67,23 @@ class PoseSolver:
         )
         facing &= level.depth_behind(pose.angles) < self.settings.visibility.hidden_depth
         if frame.graphics is not None:
-            facing &= self._uncovered(frame.graphics, X, level.descriptor.reach / camera.scale)
+            facing &= ~self._covered(frame.graphics, X, level.descriptor.reach / camera.scale)
         if is_blank(image):
             facing[:] = False
         return View(level, pose, pose, image, (camera.projection, pose.ray), facing)
 
-    def _uncovered(self, graphics: Graphics, X: Array, reach: float) -> Mask:
-        """Which landmarks (n,), at points X (n, 3) in camera axes, graphics leave enough of. reach: pixels of the image
-        that their descriptors extend to each side."""
+    def covered_share(self, graphics: Graphics, pose: Pose) -> float:
+        """Share of the landmarks of a face at a pose that graphics cover at full resolution."""
+        level = self.face.fine
+        camera = level.camera(self.camera, pose.ray, pose.roll, pose.distance)
+        return float(self._covered(graphics, self.person.in_camera(pose), level.descriptor.reach / camera.scale).mean())
+
+    def _covered(self, graphics: Graphics, X: Array, reach: float) -> Mask:
+        """Of which landmarks (n,), at points X (n, 3) in camera axes, graphics leave too little. reach: pixels of the
+        image that their descriptors extend to each side."""
         points, ahead = self.camera.project(X)
         points = np.where(ahead[:, None], points, -math.inf)
-        return graphics.share_around(points, reach) < self.settings.visibility.covered_share
+        return graphics.share_around(points, reach) >= self.settings.visibility.covered_share
 
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""

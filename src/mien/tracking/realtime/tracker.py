@@ -118,7 +118,7 @@ class RealtimeTracker:
         settled = self._refine_first_pose(frame)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
-        covered = 0.0 if self.graphics is None else float(np.mean(~settled.facing))
+        covered = 0.0 if self.graphics is None else self.solver.covered_share(self.graphics, self.pose)
         sharp, rounding = self._quality(frame)
         self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, sharp, rounding)
         self.landmark_offsets = self._landmark_offsets(landmarks)
