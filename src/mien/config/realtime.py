@@ -52,7 +52,9 @@ class CovarianceSettings(Settings):
 class VisibilitySettings(Settings):
     """Which landmarks take part in a frame."""
 
-    hidden_cosine: float = Field(-0.1, description="cosine between normal and ray below which a landmark is hidden")
+    hidden_cosine: float = Field(
+        -0.1, description="cosine between the normal and the direction to the camera below which a landmark is hidden"
+    )
     hidden_depth: float = Field(
         0.2, gt=0, description="depth behind the face's own surface above which a landmark is hidden"
     )

@@ -27,8 +27,8 @@ class GaussianPrior:
 def state_sd(
     rotation_deg: float, translation: float, depth: float, animation: float, jaw: float | None = None
 ) -> Array:
-    """Standard deviations (12,) of the entries of b, Eq. (2): degrees and CANDIDE units a frame. jaw: that of jaw_drop,
-    if it differs from the other units'."""
+    """Standard deviations (12,) of the entries of b, Eq. (2), in radians, CANDIDE units and animation units a frame.
+    translation: across the view; depth: along it; jaw: that of jaw_drop, if it differs from the other units'."""
     sd = np.array([np.radians(rotation_deg)] * 3 + [translation, translation, depth] + [animation] * 6)
     sd[6 + JAW_DROP] = animation if jaw is None else jaw
     return sd
