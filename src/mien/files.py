@@ -122,6 +122,11 @@ def size_of(path: Path) -> int | None:
     return path.stat().st_size if path.is_file() else None
 
 
+def printable(text: str) -> str:
+    """A text without what is not valid UTF-8, as bytes in the names of files: these are replaced by their escapes."""
+    return text.encode(errors="backslashreplace").decode()
+
+
 def _umask() -> int:
     """The process's umask, which `mkstemp` ignores. It can only be read by setting another, a strict one, as other
     threads may create files meanwhile."""

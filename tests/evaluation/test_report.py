@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -290,6 +292,19 @@ def test_reports_of_every_format(out: Path, form: str, ending: str) -> None:
     path = write_report(load_scores(out), out, form)
     assert path == out / f"report.{ending}"
     assert "it rained" in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of other systems are text")
+@pytest.mark.parametrize("form", ["markdown", "latex", "csv", "html"])
+def test_a_report_shows_names_that_are_not_valid_utf8_as_it_can(tmp_path: Path, form: str) -> None:
+    name, tracker = os.fsdecode(b"a_\xff"), os.fsdecode(b"openface:b_\xff.csv")
+    (sequence,) = load_dataset("rendered", tiny.rendered(tmp_path / "data"))
+    run = run_sequence(Shifted(), replace(sequence, name=name), FIRST, tracker, "rendered")
+    _write(tmp_path, replace(run, warnings=(f"{name} is odd",)))
+    command = f"mien evaluate rendered {name}"
+    Evaluation("rendered", "rebased", "truth", 30.0, (tracker,), (name,), ("uniform",), command).save(tmp_path)
+    text = write_report(load_scores(tmp_path), tmp_path, form).read_text(encoding="utf-8")
+    assert "udcff" in text
 
 
 def test_pictures_of_the_markdown_report_exist(out: Path) -> None:

@@ -35,7 +35,7 @@ def write_report(scores: Scores, out: Path, form: str) -> Path:
     path = out / f"report.{ending}"
     text = make(scores, out)
     with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     return path
 
 

@@ -19,6 +19,7 @@ from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.points12 import outer_eye_distance, points_of_names, points_of_scheme
 from mien.evaluation.protocols import Comparison, Protocol, compare, protocol_named
 from mien.evaluation.results import SequenceResult, Timing
+from mien.files import printable
 from mien.tracking.state import EXPRESSION_NAMES
 
 _SHARED = {
@@ -215,7 +216,7 @@ class Scores:
 def load_scores(out: Path, protocol: str | None = None) -> Scores:
     """Load a results folder and score it, by default under the protocol of its evaluation. A damaged file causes a
     warning, and its result has no metrics; results of a run that was stopped beside those of an earlier one cause one
-    as well.
+    as well. Figures cannot show names that are not valid UTF-8: they are `printable`.
 
     Raises MienError if the folder contains no evaluation.
     """
@@ -226,13 +227,15 @@ def load_scores(out: Path, protocol: str | None = None) -> Scores:
     for tracker in evaluation.trackers:
         for sequence, kind in zip(evaluation.sequences, evaluation.kinds_of_sequences, strict=True):
             missing = SequenceResult(tracker, evaluation.dataset, sequence, kind, failure="not run yet")
+            result = _result(result_path(out, tracker, sequence), missing)
             # A result is kept when the folder that tells the kind has another name.
-            result = replace(_result(result_path(out, tracker, sequence), missing), kind=kind)
+            result = replace(result, tracker=printable(tracker), sequence=printable(sequence), kind=kind)
             scores.append(Score(result, chosen, evaluation.lost_deg))
             timing = _timing_of(result, timing_path(out, tracker, sequence))
             timings += [] if timing is None else [timing]
     _warn_of_mixture(out, [score.result for score in scores])
-    return Scores(evaluation, chosen, tuple(scores), tuple(timings))
+    trackers, sequences = (tuple(map(printable, names)) for names in (evaluation.trackers, evaluation.sequences))
+    return Scores(replace(evaluation, trackers=trackers, sequences=sequences), chosen, tuple(scores), tuple(timings))
 
 
 def _warn_of_mixture(out: Path, results: Sequence[SequenceResult]) -> None:

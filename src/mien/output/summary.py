@@ -16,7 +16,7 @@ import numpy as np
 
 from mien.csv_files import opened_csv
 from mien.errors import require, warn
-from mien.files import exists, real_path, size_of, whole_file
+from mien.files import exists, printable, real_path, size_of, whole_file
 from mien.output.destination import Destination
 from mien.output.track import Track
 from mien.output.track_files import read_outline
@@ -154,8 +154,8 @@ class Summary:
 
     def _values(self, row: Row) -> dict[str, Any]:
         """A row as it is written: the video as an absolute path, the table as one from the folder of the summary."""
-        table = _as_written(row.table.relative_to(self.path.parent).as_posix())
-        video = _as_written(os.path.abspath(row.video))
+        table = printable(row.table.relative_to(self.path.parent).as_posix())
+        video = printable(os.path.abspath(row.video))
         added = self._added.get(table, self._added.get((video, str(row.face_id)), {}))
         return vars(row) | {"video": video, "table": table} | added
 
@@ -188,8 +188,3 @@ def _table_of_first(row: Mapping[str, str]) -> str:
     """The table of the first face of the video of a row, as it is written there; see `Destination.of_face`."""
     stem, face_id = row["table"].removesuffix(".csv"), row["face_id"]
     return f"{stem if face_id == '0' else stem.removesuffix(f'.face{face_id}')}.csv"
-
-
-def _as_written(path: str) -> str:
-    """A path as the summary has it."""
-    return path.encode(_CSV["encoding"], _CSV["errors"]).decode(_CSV["encoding"])

@@ -10,6 +10,7 @@ import cv2
 
 from mien.arrays import Pixels
 from mien.errors import MienError, require
+from mien.files import printable
 
 _KEYS = (27, ord("q"))
 """Escape and q close the window."""
@@ -34,7 +35,7 @@ class Window:
     def __init__(self, title: str) -> None:
         require_screen()
         # OpenCV would crash at the name of a file that is not valid UTF-8.
-        self.title, self._size = title.encode(errors="backslashreplace").decode(), (0, 0)
+        self.title, self._size = printable(title), (0, 0)
         try:
             cv2.namedWindow(self.title, cv2.WINDOW_NORMAL | cv2.WINDOW_KEEPRATIO | cv2.WINDOW_GUI_NORMAL)
         except cv2.error as error:
