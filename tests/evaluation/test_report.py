@@ -364,6 +364,15 @@ def test_figures_are_pictures(out: Path) -> None:
         assert image.std() > 5
 
 
+def test_a_name_with_dollar_signs_is_no_formula(out: Path, tmp_path: Path) -> None:
+    scores = load_scores(out)
+    one, *_ = scores.for_tracker("good")
+    name, tracker = "jane_$1_bob_$2", "openface:$_$.csv"
+    named = replace(one, result=replace(one.result, sequence=name, tracker=tracker))
+    evaluation = replace(scores.evaluation, sequences=(name,), trackers=(tracker,))
+    assert len(save_figures(replace(scores, evaluation=evaluation, scores=(named,)), tmp_path)) == 6
+
+
 def test_a_track_is_a_line_where_every_other_frame_has_truth(out: Path) -> None:
     scores = load_scores(out)
     one, *_ = scores.for_tracker("good")

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from mien.arrays import Array
@@ -257,6 +258,8 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _save(figure: Figure, path: Path) -> Path:
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # names of files may have dollar signs
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=110)
     return path
