@@ -52,6 +52,11 @@ def test_semicolons_are_read_as_commas(tmp_path: Path) -> None:
         assert e.confidence == same.confidence == 0.98
 
 
+def test_it_says_that_it_has_not_begun(tmp_path: Path) -> None:
+    with pytest.raises(MienError, match="call initialize first"):
+        OpenFaceTracker(str(_openface(tmp_path / "a.csv"))).track(Frame(PIXELS, 0, 0.0))
+
+
 def test_pose_landmarks_and_losses(tmp_path: Path) -> None:
     first, second, lost, missing = _track(_openface(tmp_path / "a.csv"), 4)
     assert [e.status for e in (first, second)] == [Status.INITIALIZED, Status.TRACKED]

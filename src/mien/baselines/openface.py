@@ -16,7 +16,7 @@ from mien.evaluation.pose_csv import read_pose_csv
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks, require_begun
 
 _LATE_S, _OTHER_RATE = 0.25, 0.3
 """Difference in seconds between the times of a row and its frame, and that over the time passed, from which they do not
@@ -29,6 +29,9 @@ class OpenFaceTracker:
     Raises MienError if the file is not such a table. Camera and first landmarks are ignored.
     """
 
+    size: tuple[int, int] | None = None
+    """Width and height of the first frame."""
+
     def __init__(self, path: str = "") -> None:
         require(bool(path), "the tracker 'openface' needs a CSV or a folder of them: openface:PATH")
         self._table = read_pose_csv(Path(path))
@@ -39,11 +42,12 @@ class OpenFaceTracker:
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """The row of the first frame."""
-        self._begun, self._warned = frame, False
+        self.size, self._begun, self._warned = (frame.width, frame.height), frame, False
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
-        """The row of a frame."""
+        """The row of a frame. Raises MienError before `initialize`."""
+        require_begun(self.size)
         return self._estimate(frame, Status.TRACKED)
 
     def _estimate(self, frame: Frame, status: Status) -> Estimate:
