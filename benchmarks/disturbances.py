@@ -137,6 +137,8 @@ def row(name: str, clean: list[TrackTable], disturbed: list[TrackTable | None], 
         moved.append(np.abs(compared.error_deg[known]).mean(axis=1))
         lost += int((~known).sum())
         unsure += int((other.confidence[known] < 0.5).sum())
+    if not moved:
+        return f"| {name} | | | | {lost} | {unsure} | {refused} |"
     cells = (np.mean([m.mean() for m in moved]), max(m.mean() for m in moved), np.percentile(np.concatenate(moved), 95))
     figures = " | ".join(f"{cell:.2f}" for cell in cells)
     return f"| {name} | {figures} | {lost} | {unsure} | {refused} |"
