@@ -82,7 +82,10 @@ def test_selection_keeps_indices_and_ends_before_the_end(video: Path) -> None:
     assert expected_count(open_video(video), 9.0) == 1  # as a header may state too few
 
 
-@pytest.mark.parametrize(("start", "end"), [(None, None), (-3, None), (0.1, None), (None, 0.2), (0.1, 0.2), (-1, 9)])
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [(None, None), (-3, None), (0.1, None), (None, 0.2), (0.1, 0.2), (-1, 9), (None, 1e308), (-1e308, 0.2)],
+)
 @pytest.mark.parametrize("begin", [0.0, 10.0])
 def test_how_many_frames_there_will_be_is_known_wherever_the_time_begins(
     begin: float, start: float | None, end: float | None, tmp_path: Path

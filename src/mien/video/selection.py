@@ -97,6 +97,7 @@ def expected_count(video: Video, start: float | None = None, end: float | None =
     if video.frame_count is None:
         return None
     origin = video.begin + SAME_TIME
-    first = 0 if start is None else max(math.ceil((start - origin) * video.fps), 0)
-    stop = video.frame_count if end is None else math.ceil((end - origin) * video.fps)
-    return max(min(stop, video.frame_count) - first, 1)
+    first = 0.0 if start is None else (start - origin) * video.fps
+    stop = math.inf if end is None else (end - origin) * video.fps
+    first, stop = (min(max(number, 0.0), video.frame_count) for number in (first, stop))  # they may be infinite
+    return max(math.ceil(stop) - math.ceil(first), 1)
