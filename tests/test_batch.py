@@ -165,6 +165,8 @@ def test_no_table_takes_the_place_of_another(tmp_path: Path) -> None:
     out = tmp_path / "out"
     tables = {str(table.relative_to(out)) for _, table in find_videos([tmp_path / "in"], out)}
     assert tables == {"pair.csv", "pair.face1.mp4.csv", "alone.face1.csv", "summary.mp4.csv", "sub/summary.csv"}
+    (tmp_path / ".face1.mp4").write_bytes(b"")  # hidden, but named
+    assert find_videos([tmp_path / ".face1.mp4"], out) == [(tmp_path / ".face1.mp4", out / ".face1.csv")]
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from mien.output.destination import OVERLAY_ENDINGS
 from mien.output.summary import SUMMARY
 from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
 
-_FACE = re.compile(r"\.face[0-9]+$")
+_FACE = re.compile(r"(?<=.)\.face[0-9]+$")
 """The suffix that `Destination.of_face` appends to the stem of a table."""
 
 
