@@ -820,7 +820,7 @@ def test_a_damaged_table_is_made_again(videos: Path, code: dict[str, str], tmp_p
     assert _states(track_all([videos], out)) == ["tracked"] * 3
 
 
-@pytest.mark.parametrize("changed", [{"video": "b.mp4"}, {"video": {}}, {"faces": "2"}, {"faces": None}])
+@pytest.mark.parametrize("changed", [{"video": "b.mp4"}, {"video": {}}, {"faces": "2"}, {"faces": None}, {"faces": 0}])
 def test_a_table_whose_settings_are_not_understood_is_made_again(
     videos: Path, code: dict[str, str], tmp_path: Path, changed: dict[str, Any]
 ) -> None:

@@ -141,6 +141,8 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
         if not options.match(known, row.video, row.table):
             return None
         faces = known.get("faces", 1)
+        if faces not in range(1, options.faces + 1):
+            return None
         oldest = min(file.stat().st_mtime for file in options.files_of(row.table, faces))
         if any(file.stat().st_mtime > oldest for file in options.inputs):
             return None
