@@ -35,7 +35,7 @@ def test_what_is_no_source_of_frames(source: Any) -> None:
         open_video(source)
 
 
-@pytest.mark.parametrize("fps", [0, -5, float("nan"), float("inf"), "25"])
+@pytest.mark.parametrize("fps", [0, -5, float("nan"), float("inf"), "25", 1e-308, 1e308])
 def test_what_is_no_frame_rate(fps: Any, tmp_path: Path) -> None:
     with pytest.raises(MienError, match=r"fps is .*; give a positive number of frames per second"):
         open_video(tmp_path, fps)

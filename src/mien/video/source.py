@@ -5,7 +5,6 @@ A new kind of source gets a file of its own beside this one, and a line in `open
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from numbers import Integral, Real
 from pathlib import Path
@@ -18,6 +17,10 @@ from mien.frame import Frame
 from mien.video.file import open_file
 from mien.video.folder import ImageFolder, open_folder
 from mien.video.given import CameraDevice, GivenFrames
+
+_LEAST_FPS, _MOST_FPS = 1e-6, 1e6
+"""Frames per second that a folder of images may have: one in eleven days, and as many as tables tell apart, which round
+times to millionths of a second."""
 
 
 class Video(Protocol):
@@ -68,8 +71,11 @@ def open_video(source: Source, fps: float | None = None) -> Video:
 
 def check_fps(fps: float | None) -> None:
     """Raise MienError for a number of frames per second that no folder of images can have."""
-    rate = fps is None or (isinstance(fps, Real) and 0 < fps < math.inf)
-    require(rate, f"fps is {fps!r}; give a positive number of frames per second, or omit it")
+    rate = fps is None or (isinstance(fps, Real) and _LEAST_FPS <= fps <= _MOST_FPS)
+    require(
+        rate,
+        f"fps is {fps!r}; give a positive number of frames per second from {_LEAST_FPS:g} to {_MOST_FPS:g}, or omit it",
+    )
 
 
 def _opened(source: Source, fps: float | None) -> Video:
