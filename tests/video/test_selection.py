@@ -10,7 +10,7 @@ import pytest
 from mien.errors import MienError, MienWarning
 from mien.frame import Decoded
 from mien.video import backwards, decode_frame, expected_count, open_video, select
-from videos import frames_of, gradient, write_video
+from videos import frames_of, gradient, write_images, write_video
 
 
 @pytest.mark.filterwarnings("ignore::mien.errors.MienWarning")
@@ -95,6 +95,15 @@ def test_how_many_frames_there_will_be_is_known_wherever_the_time_begins(
     for video in (file, open_video(list(file))):
         interval = [None if time is None else begin + time for time in (start, end)]
         assert expected_count(video, *interval) == len(list(select(video, *interval)))
+
+
+@pytest.mark.filterwarnings("ignore::mien.errors.MienWarning")
+def test_a_frame_that_is_gone_is_told_of(tmp_path: Path) -> None:
+    video = open_video(write_images(tmp_path / "images", [gradient(k) for k in range(3)]))
+    frame = list(video)[1]
+    (tmp_path / "images" / "1.png").unlink()
+    with pytest.raises(MienError, match=r"images: its frame at 0\.04 s can no longer be read"):
+        decode_frame(video, frame, frame.index, frame.time)
 
 
 def test_a_frame_is_at_its_time_as_tables_round_it(tmp_path: Path) -> None:

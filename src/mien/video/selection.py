@@ -73,8 +73,11 @@ def backwards(video: Video, begin: float, end: int) -> Iterator[Frame]:
 
 def decode_frame(video: Video, like: Frame, index: int, time: float) -> Frame:
     """Decode the frame with this index and time (seconds), in the size of the frame `like`, if possible from the
-    nearest key frame."""
-    return _decode_frames(video, [(index, time)], (like.height, like.width))[0]
+    nearest key frame. Raises MienError if it is no longer there."""
+    found = _decode_frames(video, [(index, time)], (like.height, like.width))
+    gone = f"{video.name}: its frame at {time:.2f} s can no longer be read; leave it unchanged while it is tracked"
+    require(bool(found), gone)
+    return found[0]
 
 
 def _decode_frames(video: Video, stamps: Sequence[tuple[int, float]], size: tuple[int, int]) -> list[Frame]:
