@@ -26,7 +26,7 @@ from mien.evaluation.cells import NONE, table_1_cells
 from mien.evaluation.contact_sheet import ESTIMATE, TILE, TRUTH, _around, _on_tile, contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
-from mien.evaluation.figures import _annotated_rms, angles_over_time, landmark_rms_over_time, save_figures
+from mien.evaluation.figures import _annotated_rms, angles_over_time, landmark_rms_over_time, save_figures, with_gaps
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
 from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.published import REBASED_REFERENCES
@@ -387,6 +387,19 @@ def test_a_track_is_a_line_where_every_other_frame_has_truth(out: Path) -> None:
         np.testing.assert_array_equal(track[:, 0], range(0, FRAMES, 2))
         np.testing.assert_array_equal(line_of_truth[:, 0], range(0, FRAMES, 2))
         assert np.isfinite(track).all()
+
+
+def test_lines_have_a_gap_where_a_stretch_of_frames_has_no_truth() -> None:
+    known = np.r_[0:60, 90:100]
+    frames, values = with_gaps(known, np.ones(70))
+    np.testing.assert_array_equal(frames, [*range(60), np.nan, *range(90, 100)])
+    np.testing.assert_array_equal(np.isfinite(values), np.isfinite(frames))
+
+
+@pytest.mark.parametrize("known", [[], [7], [0, 9], [0, 3, 6, 9, 15, 18], [0, 1, 2, 3, 50, 100]])
+def test_no_frame_with_truth_loses_the_line_that_shows_it(known: list[int]) -> None:
+    frames, _ = with_gaps(np.array(known, dtype=int), np.ones(len(known)))
+    np.testing.assert_array_equal(frames, known)
 
 
 def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> None:

@@ -32,6 +32,8 @@ COLOURS = (
 TRUTH_COLOUR = "#222222"
 _ENTRY_INCHES, _LETTER_INCHES, _ROW_INCHES = 0.72, 0.08, 0.22
 """Space in a legend for an entry without its text, for a letter, and for a row of entries."""
+_GAP = 3
+"""How many times the usual distance of frames with truth is a gap in a line."""
 PANELS = 24
 """Number of sequences per page in figures with a panel for each."""
 
@@ -83,8 +85,8 @@ def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
                 _plot_angle(axis, score, k, colours[score.result.tracker])
                 if i == 0:
                     known = np.flatnonzero(score.compared.known)
-                    truth = score.compared.truth_deg[known, k]
-                    axis.plot(known, truth, color=TRUTH_COLOUR, linewidth=1.2, linestyle="--")
+                    frames, truth = with_gaps(known, score.compared.truth_deg[known, k])
+                    axis.plot(frames, truth, color=TRUTH_COLOUR, linewidth=1.2, linestyle="--")
             _tidy(axis)
         row[0].set_ylabel(f"{name}\ndegrees", fontsize=8)
     for k, name in enumerate(ANGLE_NAMES):
@@ -102,7 +104,7 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     axes = figure.subplots(-(-len(names) // columns), columns, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
         for score in _with_points(scores, name):
-            annotated, rms = _annotated_rms(score)
+            annotated, rms = with_gaps(*_annotated_rms(score))
             axis.plot(annotated, rms, color=_colours(scores)[score.result.tracker], linewidth=1.0)
         axis.set_title(name, fontsize=9)
         axis.set_ylim(bottom=0)
@@ -200,14 +202,26 @@ def _reliability(scores: Scores) -> dict[str, metrics.Reliability]:
 
 
 def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
-    """Draw one angle in the frames that have truth, as a line also where these are far apart."""
+    """Draw one angle in the frames that have truth, as a line also where only every other one has."""
     c = score.compared
-    frames = np.flatnonzero(c.known)
-    estimate, sd = c.estimate_deg[frames, k], c.sd_deg[frames, k]
-    axis.plot(frames, np.where(c.lost[frames], np.nan, estimate), color=colour, linewidth=1.0)
+    known = np.flatnonzero(c.known)
+    shown = np.where(c.lost[known], np.nan, c.estimate_deg[known, k])
+    frames, shown, estimate, sd = with_gaps(known, shown, c.estimate_deg[known, k], c.sd_deg[known, k])
+    axis.plot(frames, shown, color=colour, linewidth=1.0)
     if np.isfinite(sd).any():
         low, high = estimate - NORMAL_90 * sd, estimate + NORMAL_90 * sd
         axis.fill_between(frames, low, high, color=colour, alpha=0.2, linewidth=0)
+
+
+def with_gaps(frames: NDArray[np.intp], *values: Array) -> list[Array]:
+    """Frames (n,) and values (n,) with a NaN where a line would cross a stretch without frames.
+
+    That is a step much longer than most, between two that are not: no frame stands alone, where it would not be seen.
+    """
+    steps = np.diff(frames)
+    near = steps <= _GAP * np.median(steps) if len(steps) else np.zeros(0, bool)
+    gaps = 2 + np.flatnonzero(near[:-2] & ~near[1:-1] & near[2:])
+    return [np.insert(np.asarray(v, float), gaps, np.nan) for v in (frames, *values)]
 
 
 def _pages(scores: Scores, chosen: Callable[[Scores, str], list[Score]]) -> list[list[str]]:
