@@ -89,6 +89,14 @@ def test_table_1_names_its_sources(out: Path) -> None:
     assert all(r["source"].startswith("measured here") for r in sensor)
 
 
+def test_a_data_set_of_one_kind_is_named_once(out: Path) -> None:
+    scores = load_scores(out)
+    renamed = replace(scores, evaluation=replace(scores.evaluation, dataset="uniform"))
+    sources = [r["source"] for r in _rows(tables.published_and_measured(renamed))]
+    assert any(s.startswith("measured here: uniform, ") for s in sources)
+    assert any(s.startswith("measured here: uniform wide, ") for s in sources)
+
+
 @pytest.mark.parametrize("row", REBASED_REFERENCES)
 def test_published_means(row: tuple[str, ...]) -> None:
     *angles, mean = map(float, row[1:])

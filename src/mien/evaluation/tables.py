@@ -100,7 +100,7 @@ def published_and_measured(scores: Scores) -> Table | None:
     rows += [
         (
             t,
-            f"measured here: {scores.evaluation.dataset} {k}, {sequences_of(chosen)}",
+            f"measured here: {' '.join(dict.fromkeys((scores.evaluation.dataset, k)))}, {sequences_of(chosen)}",
             *table_1_cells(chosen, scores.evaluation.lost_deg),
         )
         for t, k, chosen in _by_kind(scores, lambda s: s.has_pose)
