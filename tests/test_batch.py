@@ -154,8 +154,9 @@ def test_folders_of_images_that_are_not_named_are_warned_of(
 
 def test_videos_that_differ_by_their_ending_have_tables_of_their_own(videos: Path, tmp_path: Path) -> None:
     (videos / "a.mkv").write_bytes(b"")
+    (videos / "sub" / "C.mp4").write_bytes(b"")  # c.csv and C.csv are one file on some systems
     found = find_videos([videos], tmp_path / "out")
-    assert [table.name for _, table in found] == ["a.mkv.csv", "a.mp4.csv", "b.csv", "c.csv"]
+    assert [table.name for _, table in found] == ["a.mkv.csv", "a.mp4.csv", "C.mp4.csv", "b.csv", "c.MOV.csv"]
 
 
 def test_no_table_takes_the_place_of_another(tmp_path: Path) -> None:

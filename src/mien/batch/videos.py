@@ -24,9 +24,10 @@ _FACE = re.compile(r"(?<=.)\.face[0-9]+$")
 def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     """All videos among the paths and in the folders among them, each with the path of its table below `out`.
 
-    The table's name includes the suffix of the video if another video in its folder has the same stem, or if the table
-    would otherwise be named like that of another video's further face, or like the summary. Videos that would share a
-    table have theirs in the folders in which they differ. Raises MienError where they differ in none.
+    The table's name includes the suffix of the video if another video in its folder has the same stem, in whatever
+    case, as that is no difference on some file systems, or if the table would otherwise be named like that of another
+    video's further face, or like the summary. Videos that would share a table have theirs in the folders in which they
+    differ. Raises MienError where they differ in none.
     """
     each: dict[Path, tuple[Path, Path]] = {}
     named = {real_path(path) for path in paths}
@@ -48,14 +49,18 @@ def find_videos(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
 
 def _tables(places: Mapping[Path, Path]) -> dict[Path, Path]:
     """The table of each video with this place, relative like that."""
-    alike = Counter(place.with_suffix("") for place in places.values())
+    alike = Counter(_caseless(place.with_suffix("")) for place in places.values())
     tables = {}
     for video, place in places.items():
-        stem = place.with_suffix("")
+        stem = _caseless(place.with_suffix(""))
         of_another = _FACE.search(stem.name) and stem.with_name(_FACE.sub("", stem.name)) in alike
-        taken = alike[stem] > 1 or of_another or place.with_suffix(".csv") == Path(SUMMARY)
+        taken = alike[stem] > 1 or of_another or _caseless(place.with_suffix(".csv")) == Path(SUMMARY)
         tables[video] = Path(f"{place}.csv") if taken else place.with_suffix(".csv")
     return tables
+
+
+def _caseless(path: Path) -> Path:
+    return Path(str(path).casefold())
 
 
 def _of_one_table(tables: Mapping[Path, Path]) -> list[list[Path]]:
