@@ -273,6 +273,12 @@ def test_csv() -> None:
     assert rows[1]["value"] == ""
 
 
+def test_a_value_of_the_csv_is_one_number() -> None:
+    table = replace(TABLE, rows=(("x", "0.34 ± 0.23"), ("y", "4 of 597"), ("z", "2 of them")))
+    rows = [(row["column"], row["value"]) for row in csv.DictReader(io.StringIO(to_csv([table])))]
+    assert rows == [("c", "0.34"), ("c, ±", "0.23"), ("c", "4"), ("c, of", "597"), ("c", "2 of them")]
+
+
 def test_html() -> None:
     text = to_html(TABLE)
     assert '<td class="text">&lt;z&gt;</td>' in text

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import html
 import io
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 
 from mien.evaluation.cells import NONE
 from mien.evaluation.tables import Table
@@ -15,6 +16,7 @@ _LATEX |= {"—": "--", "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": 
 _LATEX |= {"\\": r"\textbackslash{}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"}
 _MARKDOWN = str.maketrans({"|": r"\|", "<": r"\<", "\n": " "})
 """What would end a cell or a row, or begin a tag of HTML, which renderers drop."""
+_TWO_NUMBERS = re.compile(r"([0-9.]+) (±|of) ([0-9.]+)")
 
 
 def to_markdown(table: Table) -> str:
@@ -60,7 +62,8 @@ def to_html(table: Table) -> str:
 
 
 def to_csv(tables: Iterable[Table]) -> str:
-    """All tables in long format, one line per cell, ready to pivot; missing values are empty."""
+    """All tables in long format, one line per number, ready to pivot: of `0.34 ± 0.23` or `4 of 597` the second is that
+    of a column of its own. Missing values are empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(("table", "protocol", "row", "tracker", "column", "value"))
@@ -71,8 +74,10 @@ def to_csv(tables: Iterable[Table]) -> str:
     return out.getvalue()
 
 
-def _cells(columns: Sequence[str], row: Sequence[str]) -> Iterable[tuple[str, str]]:
-    return list(zip(columns, row, strict=True))[1:]
+def _cells(columns: Sequence[str], row: Sequence[str]) -> Iterator[tuple[str, str]]:
+    for column, value in list(zip(columns, row, strict=True))[1:]:
+        two = _TWO_NUMBERS.fullmatch(value)
+        yield from [(column, two[1]), (f"{column}, {two[2]}", two[3])] if two else [(column, value)]
 
 
 def _latex(text: str) -> str:
