@@ -292,8 +292,13 @@ def sequences(scores: Scores) -> Table:
 
 
 def failures(scores: Scores) -> Table:
-    """The sequences without results, and why."""
-    rows = [(s.result.tracker, s.result.sequence, s.result.kind, s.failure) for s in scores.scores if s.failure]
+    """The sequences without results, and why; once where trackers share the reason, as a truth that cannot be read."""
+    trackers: dict[tuple[str, str, str], list[str]] = {}
+    for score in scores.scores:
+        if score.failure:
+            cause = score.result.sequence, score.result.kind, score.failure
+            trackers.setdefault(cause, []).append(score.result.tracker)
+    rows = [(", ".join(names), *cause) for cause, names in trackers.items()]
     return Table(
         "failures",
         "Sequences without results",
