@@ -5,7 +5,7 @@ Lengths are in millimetres, angles in radians, image points in pixels, all in ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -74,11 +74,6 @@ def _camera(axis: int) -> Callable[[Estimate], Array | None]:
     return values
 
 
-def _visibility(e: Estimate) -> Array | None:
-    known: TrackedLandmarks | None = e.landmarks
-    return None if known is None else known.visibility
-
-
 _POSE = (_Group(TRANSLATION, 3, lambda e: e.translation_mm), _Group(ROTATION, 6, lambda e: e.euler))
 _OTHER = (
     _Group(TRACKED_UNITS, 5, lambda e: e.animation),
@@ -89,7 +84,7 @@ _OTHER = (
     _Group(ROTATION_SD, 6, lambda e: e.euler_sd),
     _Group(ANIMATION_SD, 5, lambda e: _state_sd(e, slice(6, None))),
     _Group((EYES_CLOSED_SD,), 3, lambda e: None if e.closing is None else np.array([e.closing.sd])),
-    _Group("visibility", 3, _visibility),
+    _Group("visibility", 3, lambda e: None if e.landmarks is None else e.landmarks.visibility),
 )
 
 
@@ -212,14 +207,12 @@ def sort_columns(names: Sequence[str]) -> list[str]:
     return sorted(names, key=_column_position)
 
 
-def _stems() -> Iterator[str]:
-    """All column names in the order of the file; the stem for numbered columns."""
-    yield from ("frame", "face_id", "timestamp", "confidence", "success")
-    for group in (*_POSE, None, *_OTHER):
-        yield from TEXT_COLUMNS if group is None else group.stems
+def _stems_of(groups: Sequence[_Group]) -> list[str]:
+    return [stem for group in groups for stem in group.stems]
 
 
-_STEMS = tuple(_stems())
+_STEMS = (*_FRAME_COLUMNS, "confidence", "success", *_stems_of(_POSE), *TEXT_COLUMNS, *_stems_of(_OTHER))
+"""All column names in the order of the file; the stem for numbered columns."""
 _NUMBERED = {group.names for group in _OTHER if isinstance(group.names, str)}
 """The stems of numbered columns, which alone are the names of none."""
 
