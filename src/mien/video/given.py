@@ -36,11 +36,12 @@ class CameraDevice:
 
     number: int
     stopped: str | None = None
-    path: None = None
-    repeatable: bool = False
-    frame_count: None = None
-    fps: float = _USUAL_FPS
-    begin: float = 0.0
+
+    path = None
+    repeatable = False
+    frame_count = None
+    fps = _USUAL_FPS
+    begin = 0.0
 
     @property
     def name(self) -> str:
@@ -79,9 +80,10 @@ class GivenFrames:
     other, like those of a camera."""
 
     frames: Iterable[Frame]
-    path: None = None
-    name: str = "the frames"
-    stopped: None = None
+
+    path = None
+    name = "the frames"
+    stopped = None
 
     @property
     def repeatable(self) -> bool:
