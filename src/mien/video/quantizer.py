@@ -61,7 +61,9 @@ def _header_steps(path: Path, time: float) -> Iterator[float]:
     """The steps of images, or of their first slices, by the headers of a stream whose decoder exports none."""
     with open_container(path) as container:
         step_of = _BY_HEADER.get(shown_stream(container).codec_context.codec.canonical_name)
-        fields = [] if step_of is None else _header_fields(container, time)
+        if step_of is None:
+            return
+        fields = _header_fields(container, time)
     usual: dict[int, int] = {}
     parameters, first = 0, True
     for name, value in fields:
@@ -71,7 +73,7 @@ def _header_steps(path: Path, time: float) -> Iterator[float]:
             usual[parameters] = 26 + value
         elif name == "first_slice_segment_in_pic_flag":
             first = value == 1
-        elif name in _LEVELS and first and step_of is not None:
+        elif name in _LEVELS and first:
             yield step_of(usual.get(parameters, 0) + value)
 
 
