@@ -9,7 +9,7 @@ import numpy as np
 from mien.arrays import Array
 from mien.evaluation import metrics
 from mien.evaluation.datasets import buft
-from mien.evaluation.scores import Score, Scores, pooled, pooled_errors, spread_of_errors, success_rate
+from mien.evaluation.scores import Score, Scores, pooled, pooled_errors, reliability, spread_of_errors, success_rate
 
 NONE = "—"
 """A value that there is not."""
@@ -41,14 +41,12 @@ def calibration_cells(chosen: Sequence[Score]) -> tuple[str, ...]:
     error = pooled(chosen, lambda s: s.error_deg[s.calibrated])
     sd = pooled(chosen, lambda s: s.compared.sd_deg[s.calibrated])
     covariance = pooled(chosen, lambda s: s.compared.covariance_deg2[s.calibrated])
-    confidence = pooled(chosen, lambda s: s.confidence[s.calibrated])
-    rotation_error = pooled(chosen, lambda s: s.compared.rotation_error_deg[s.calibrated])
     nees = metrics.normalised_error_squared(error, covariance)
     return (
         *(percent(metrics.coverage(error, sd, level)) for level in metrics.COVERAGE_LEVELS),
         *(percent(metrics.coverage(error[:, k], sd[:, k], metrics.ANGLE_LEVEL)) for k in range(3)),
         number(mean(nees)),
-        percent(metrics.reliability(confidence, rotation_error).gap),
+        percent(reliability(chosen).gap),
     )
 
 

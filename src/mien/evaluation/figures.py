@@ -19,7 +19,7 @@ from mien.evaluation import metrics
 from mien.evaluation.contact_sheet import contact_sheet
 from mien.evaluation.plan import file_name
 from mien.evaluation.protocols import ANGLE_NAMES, rotation_of
-from mien.evaluation.scores import Score, Scores, pooled
+from mien.evaluation.scores import Score, Scores, pooled, reliability
 from mien.files import whole_file
 from mien.output.plots import NORMAL_90
 
@@ -54,10 +54,11 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
         ),
     ]
     if angles:
+        diagrams = {tracker: reliability(scores.with_pose(tracker)) for tracker in scores.trackers}
         makers += [
             ("head-angle", "Rotation error against the angle of the head", [error_against_head_angle(scores)]),
             ("success", "P_s against the threshold", [success_against_threshold(scores)]),
-            ("reliability", "Reliability of the confidence", [reliability_diagram(_reliability(scores))]),
+            ("reliability", "Reliability of the confidence", [reliability_diagram(diagrams)]),
         ]
     out = {}
     for name, title, figures in makers:
@@ -189,18 +190,6 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     return figure
 
 
-def _reliability(scores: Scores) -> dict[str, metrics.Reliability]:
-    """The reliability of every tracker; empty for a tracker without poses."""
-    diagrams = {}
-    for tracker in scores.trackers:
-        frames = [
-            (s.confidence[s.calibrated], s.compared.rotation_error_deg[s.calibrated]) for s in scores.with_pose(tracker)
-        ]
-        confidence, error_deg = np.hstack(frames) if frames else np.empty((2, 0))
-        diagrams[tracker] = metrics.reliability(confidence, error_deg)
-    return diagrams
-
-
 def _plot_angle(axis: Axes, score: Score, k: int, colour: str) -> None:
     """Draw one angle in the frames that have truth, as a line also where only every other one has."""
     c = score.compared
@@ -232,7 +221,7 @@ def _pages(scores: Scores, chosen: Callable[[Scores, str], list[Score]]) -> list
 
 def _with_pose(scores: Scores, sequence: str) -> list[Score]:
     """The scores of a sequence that have poses."""
-    return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.comparison is not None]
+    return [s for s in scores.scores if s.result.sequence == sequence and not s.failure and s.has_pose]
 
 
 def _with_points(scores: Scores, sequence: str) -> list[Score]:

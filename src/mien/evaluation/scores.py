@@ -293,6 +293,12 @@ def spread_of_errors(scores: Sequence[Score]) -> Array:
     return errors.std(axis=0, ddof=1) if len(errors) > 1 else np.full(3, np.nan)
 
 
+def reliability(scores: Sequence[Score]) -> metrics.Reliability:
+    """How often the frames of all sequences are right, by their confidence, where that is evaluated."""
+    confidence = pooled(scores, lambda s: s.confidence[s.calibrated])
+    return metrics.reliability(confidence, pooled(scores, lambda s: s.compared.rotation_error_deg[s.calibrated]))
+
+
 def success_rate(scores: Sequence[Score], threshold_deg: float) -> float:
     """P_s over the frames of all sequences."""
     if not scores:
