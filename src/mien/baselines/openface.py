@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mien.candide.model import Candide, mm_per_unit
-from mien.errors import require, warn
+from mien.errors import MienError, require, warn
 from mien.evaluation.points12 import names_of_scheme
 from mien.evaluation.pose_csv import read_pose_csv
 from mien.frame import Frame
@@ -35,8 +35,9 @@ class OpenFaceTracker:
     def __init__(self, path: str = "") -> None:
         require(bool(path), "the tracker 'openface' needs a CSV or a folder of them: openface:PATH")
         self._table = read_pose_csv(Path(path))
-        wrong = [f"{c:g}" for c in self._table.confidence if not 0 <= c <= 1]
-        require(not wrong, f"{path}: the confidence {', '.join(wrong[:1])} is not between 0 and 1; correct the column")
+        wrong = [c for c in self._table.confidence if not 0 <= c <= 1]
+        if wrong:
+            raise MienError(f"{path}: the confidence {wrong[0]:g} is not between 0 and 1; correct the column")
         self._row_of = {int(i): row for row, i in enumerate(self._table.index) if self._table.tracked[row]}
         self._mm_per_unit = mm_per_unit(Candide.default().vertices())
 

@@ -122,8 +122,9 @@ def _frame_numbers(path: Path, rows: Sequence[dict[str, str]]) -> Array:
         return np.arange(len(rows), dtype=float)
     frame = _columns(path, rows, ("frame",))[:, 0]
     require(bool(np.isfinite(frame).all()), f"{path}: a row has no frame number; number all rows or none")
-    broken = [f"{number:g}" for number in frame if number % 1]
-    require(not broken, f"{path}: the frame {', '.join(broken[:1])} is no whole number; a time is a timestamp")
+    broken = frame[frame % 1 != 0]
+    if broken.size:
+        raise MienError(f"{path}: the frame {broken[0]:g} is no whole number; a time is a timestamp")
     once = len(np.unique(frame)) == len(frame)
     require(once, f"{path} has two rows for one frame; keep one of them, or the rows of one face")
     return frame
@@ -132,12 +133,11 @@ def _frame_numbers(path: Path, rows: Sequence[dict[str, str]]) -> Array:
 def _require_plausible(path: Path, angles: Array | None, landmarks: Array | None, tracked: Mask) -> None:
     """Raise MienError for poses (n, 3) or landmarks (n, k) of tracked rows that are not finite, and for degrees."""
     for what, values in (("the pose", angles), ("a landmark", landmarks)):
-        bad = _rows_without(values, tracked)
-        require(
-            len(bad) == 0,
-            f"{path}: {what} in row {bad[0] + 1 if len(bad) else 0} is not a finite number; "
-            "correct it, or delete the row",
-        )
+        if values is None:
+            continue
+        bad = np.flatnonzero(tracked & ~np.isfinite(values).all(axis=1))
+        if bad.size:
+            raise MienError(f"{path}: {what} in row {bad[0] + 1} is not a finite number; correct it, or delete the row")
     largest = 0.0 if angles is None else float(np.abs(angles[tracked]).max(initial=0.0))
     require(
         largest <= _LARGEST_RAD,
@@ -186,18 +186,12 @@ def _column(path: Path, rows: Sequence[dict[str, str]], name: str, default: floa
 def _columns(path: Path, rows: Sequence[dict[str, str]], names: Sequence[str]) -> Array:
     """The numbers (n, k) of these columns; empty cells and those of R that hold NA are NaN."""
     missing = [n for n in names if n not in rows[0]]
-    require(not missing, f"{path} lacks the column {missing[0] if missing else ''}; write the file again")
+    if missing:
+        raise MienError(f"{path} lacks the column {missing[0]}; write the file again")
     try:
         return np.array([[number_in(row[n]) for n in names] for row in rows])
     except ValueError as e:
         raise MienError(f"{path}: a cell is not a number ({e}); correct the file") from e
-
-
-def _rows_without(values: Array | None, wanted: Mask) -> NDArray[np.intp]:
-    """The wanted rows whose values are not all finite."""
-    if values is None:
-        return np.empty(0, dtype=np.intp)
-    return np.flatnonzero(wanted & ~np.isfinite(values).all(axis=1))
 
 
 def _rotations(angles: Array) -> Array:

@@ -105,10 +105,8 @@ def _read_pts(path: Path, index: int, time: float) -> Landmarks:
     require(points.size % 2 == 0, f"{path}: a point lacks a coordinate; each line holds x and y")
     points = points.reshape(-1, 2)
     stated = re.findall(r"^n_points\s*:?\s*(\S*)", header, re.MULTILINE)
-    require(
-        not stated or stated[0] == str(len(points)),
-        f"{path} states {stated and stated[0]} points and holds {len(points)}; the file is incomplete",
-    )
+    if stated and stated[0] != str(len(points)):
+        raise MienError(f"{path} states {stated[0]} points and holds {len(points)}; the file is incomplete")
     return Landmarks(points - PTS_ORIGIN, "ibug68", None, index, time, str(path))
 
 
@@ -130,7 +128,8 @@ def _read_csv(path: Path, index: int, time: float) -> Landmarks:
     )
     names = [f"{axis}_{i}" for i in range(count) for axis in "xy"]
     missing = [n for n in names if n not in row]
-    require(not missing, f"{path} lacks the column {missing and missing[0]}; write the file again")
+    if missing:
+        raise MienError(f"{path} lacks the column {missing[0]}; write the file again")
     points = _numbers(path, [row[n] for n in names]).reshape(-1, 2)
     return Landmarks(points, SCHEME_OF_COUNT[count], None, index, time, str(path))
 

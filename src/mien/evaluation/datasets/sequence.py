@@ -69,13 +69,12 @@ class Truth:
 
     def first_landmarks(self, source: str) -> Landmarks:
         """The annotation of frame 0. Raises MienError if there is none."""
-        usable = self.landmarks is not None and self.landmark_scheme in SCHEMES
-        points = self.landmarks[0] if usable and self.landmarks is not None else None
-        require(
-            points is not None and bool(np.isfinite(points).all()),
-            f"{source}: frame 0 has no annotation of a whole face; use detected landmarks (--landmarks detected)",
-        )
-        return Landmarks(np.asarray(points, dtype=float), self.landmark_scheme, source=source)
+        points = None if self.landmarks is None else self.landmarks[0]
+        if points is None or self.landmark_scheme not in SCHEMES or not np.isfinite(points).all():
+            raise MienError(
+                f"{source}: frame 0 has no annotation of a whole face; use detected landmarks (--landmarks detected)"
+            )
+        return Landmarks(points, self.landmark_scheme, source=source)
 
 
 @dataclass(frozen=True)
@@ -151,8 +150,7 @@ def require_frames(truth: int, video: int, source: Path) -> None:
 def require_finite(values: Array, source: Path, what: str) -> None:
     """Raise MienError naming the first row of the truth that is not finite."""
     bad = np.argwhere(~np.isfinite(values))
-    row = int(bad[0][0]) if len(bad) else 0
-    require(
-        len(bad) == 0,
-        f"{source}: {what} in row {row} is not a finite number; repair the file or exclude the sequence",
-    )
+    if bad.size:
+        raise MienError(
+            f"{source}: {what} in row {bad[0, 0]} is not a finite number; repair the file or exclude the sequence"
+        )
