@@ -68,7 +68,8 @@ def create_tracker(name: str) -> Tracker:
     tracker = getattr(found, cls, None)
     require(callable(tracker), f"{name}: the module {module} has no class {cls}")
     assert tracker is not None
-    arguments = [argument for argument in [argument_of(name)] if argument is not None]
+    argument = argument_of(name)
+    arguments = () if argument is None else (argument,)
     try:
         with suppress(ValueError):  # some classes tell nothing of their arguments
             signature(tracker).bind(*arguments)
