@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(names))
 
 
-def sequences_of(chosen: Sequence[Score]) -> str:
+def sequences_of(chosen: Sized) -> str:
     """`1 sequence`, `2 sequences`."""
     return f"{len(chosen)} sequence{'s' if len(chosen) != 1 else ''}"
 

@@ -8,8 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mien.errors import require
+from mien.evaluation.cells import sequences_of
 from mien.evaluation.figures import save_figures
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
+from mien.evaluation.plan import evaluation_path
 from mien.evaluation.scores import Scores
 from mien.evaluation.tables import all_tables
 from mien.files import whole_file
@@ -85,7 +87,7 @@ def require_own(out: Path) -> None:
     places = [*(out / f"report.{ending}" for ending, _ in FORMATS.values()), out / FIGURES]
     taken = next((path for path in places if path.exists()), None)
     require(
-        taken is None or (out / "evaluation.json").exists(),
+        taken is None or evaluation_path(out).exists(),
         f"{taken} exists and is not of mien evaluate; choose another folder with -o, or move it away",
     )
 
@@ -99,7 +101,7 @@ def _about(scores: Scores) -> list[str]:
     e = scores.evaluation
     return [
         f"`{e.command}`",
-        f"mien {e.version}; {len(e.sequences)} sequence{'s' if len(e.sequences) != 1 else ''}; every tracker is given "
+        f"mien {e.version}; {sequences_of(e.sequences)}; every tracker is given "
         f"the same landmarks of the first frame ({e.landmarks}). The protocol of all angles is "
         f"{scores.protocol.value}.",
     ]
