@@ -34,6 +34,8 @@ _ENTRY_INCHES, _LETTER_INCHES, _ROW_INCHES = 0.72, 0.08, 0.22
 """Space in a legend for an entry without its text, for a letter, and for a row of entries."""
 _GAP = 3
 """How many times the usual distance of frames with truth is a gap in a line."""
+_BIN_DEG = 5.0
+"""Width of the bins of the angle of the head."""
 PANELS = 24
 """Number of sequences per page in figures with a panel for each."""
 
@@ -246,12 +248,12 @@ def _head_angle_deg(score: Score) -> Array:
     return out
 
 
-def _binned(x: Array, y: Array, width: float = 5.0) -> tuple[Array, Array, Array]:
+def _binned(x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Centres of the bins with at least ten values, and the median and 90th percentile in each."""
-    which = (x // width).astype(int)
+    which = (x // _BIN_DEG).astype(int)
     filled = [b for b in np.unique(which) if (which == b).sum() >= 10]
     quantiles = np.array([np.percentile(y[which == b], (50, 90)) for b in filled]).reshape(-1, 2)
-    return (np.array(filled) + 0.5) * width, quantiles[:, 0], quantiles[:, 1]
+    return (np.array(filled) + 0.5) * _BIN_DEG, quantiles[:, 0], quantiles[:, 1]
 
 
 def _figure(width: float, height: float) -> Figure:

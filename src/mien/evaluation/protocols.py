@@ -212,9 +212,9 @@ def _angle_covariance(protocol: Protocol, A: Array, R_first: Array, covariance: 
     return np.asarray(np.degrees(1.0) ** 2 * (J @ covariance @ np.swapaxes(J, 1, 2)))
 
 
-def _angle_jacobian(A: Array, order: str, step: float = 1e-5) -> Array:
+def _angle_jacobian(A: Array, order: str) -> Array:
     """(n, 3, 3) with `angles(exp(w) A) = angles(A) + J w`, radians, by central differences."""
-    columns = []
+    step, columns = 1e-5, []
     for axis in np.eye(3):
         plus, minus = (Rotation.from_rotvec(s * step * axis).as_matrix() @ A for s in (1.0, -1.0))
         difference = wrap_deg(angles_deg(plus, order) - angles_deg(minus, order))

@@ -41,6 +41,7 @@ LARGEST_MISFIT = 0.15
 """Root mean square of the residuals, over the size of the face, beyond which the landmarks are not those of a face: of
 a detected one even the worst point is off by 0.08 at most. The fit withstands single outliers, but not one that is
 several faces away."""
+_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
@@ -179,11 +180,11 @@ def turned_deg(R: Array, t: Array) -> float:
     return float(np.degrees(np.arccos(np.clip(-(R[:, 2] @ t) / np.linalg.norm(t), -1, 1))))
 
 
-def _minimize(problem: _Problem, x: Array, iterations: int = 30) -> Array:
+def _minimize(problem: _Problem, x: Array) -> Array:
     """Levenberg-Marquardt on the robust (pseudo-Huber) sum of squares."""
     damping = 1e-4
     r = problem.residuals(x)
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         J = problem.jacobian(x)
         # Weights of rho(s) = 2 (sqrt(1 + s) - 1); the prior's rows, at the end, stay quadratic.
         w = np.where(np.arange(len(r)) < problem.measurements, 1 / np.sqrt(1 + r * r), 1.0)

@@ -131,12 +131,12 @@ def _points(look: Landmarks, camera: Camera) -> Array:
     return np.array([points[rows[name]].mean(axis=0) for name in _NAMES])
 
 
-def _typical(looks: Sequence[Array], iterations: int = 5) -> tuple[Array, Array]:
+def _typical(looks: Sequence[Array]) -> tuple[Array, Array]:
     """Align n looks (m, 3) to their median face by the rigid landmarks; returns them (n, m, 3) and that face (m, 3),
     scaled to a distance of 1 between the eyes' outer corners."""
     typical = looks[0] - looks[0][_RIGID].mean(axis=0)
     outer = [_NAMES.index(f"{side}_eye_outer_corner") for side in ("left", "right")]
-    for _ in range(iterations):
+    for _ in range(5):  # as each alignment changes the median
         typical = typical / np.linalg.norm(typical[outer[0]] - typical[outer[1]])
         moved = np.array([_aligned(look, *similarity(look[_RIGID], typical[_RIGID])[:2]) for look in looks])
         typical = np.median(moved, axis=0)
