@@ -207,7 +207,7 @@ class Finder:
         except ImportError:
             self.mesh = OpenCVMesh(faces)
 
-    def largest_first(self, frame: Frame, distant: bool = True, at: Point | None = None) -> list[Array]:
+    def largest_first(self, frame: Frame, distant: bool, at: Point | None) -> list[Array]:
         """Points (n, 3) of every face, or of every face at a point; distant: if there is none, also search for small
         faces."""
         faces = _at_point(self.near(frame), at) or (_at_point(self.distant(frame), at) if distant else [])

@@ -96,7 +96,7 @@ def import_pandas() -> None:
         import_module("pandas")
 
 
-def table_from_estimates(estimates: Sequence[Estimate], face_id: int = 0) -> pa.Table:
+def table_from_estimates(estimates: Sequence[Estimate], face_id: int) -> pa.Table:
     """A table with one row per estimate of a face. Quantities that no estimate has get no column; cells of a lost face
     are null."""
     import_pandas()

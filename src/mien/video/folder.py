@@ -77,7 +77,7 @@ class ImageFolder:
         return max((int(image.max()).bit_length() for image in sample if image is not None), default=0)
 
 
-def open_folder(path: Path, fps: float | None = None) -> ImageFolder:
+def open_folder(path: Path, fps: float | None) -> ImageFolder:
     """A folder of images as a video, at `FOLDER_FPS` if no frame rate is given. Raises MienError if it holds none."""
     images = list_images(path)
     videos = sum(1 for file in path.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file())
