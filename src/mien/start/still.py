@@ -154,8 +154,8 @@ def _covered(certain: Mask, possible: Mask) -> Mask:
 def _box(mask: Mask, margin: int = 0) -> tuple[slice, slice]:
     """The rows and columns of a mask (h, w) that hold it, and as many more each way."""
     places = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    lows, highs = zip(*((int(place[0]) - margin, int(place[-1]) + 1 + margin) for place in places), strict=True)
-    return slice(max(lows[0], 0), highs[0]), slice(max(lows[1], 0), highs[1])
+    rows, columns = (slice(max(int(p[0]) - margin, 0), int(p[-1]) + 1 + margin) for p in places)
+    return rows, columns
 
 
 def _hull(points: Array, size: tuple[int, int]) -> Mask:
