@@ -113,9 +113,8 @@ class Appearance:
     @classmethod
     def unseen(cls, count: int) -> Appearance:
         """Of so many points, none of which was seen yet."""
-        return cls(
-            np.zeros(count, np.float32), np.full(count, INITIAL_SD**2, np.float32), np.zeros(count, dtype=bool)
-        )  # fmt: skip
+        mean, variance = np.zeros(count, np.float32), np.full(count, INITIAL_SD**2, np.float32)
+        return cls(mean, variance, known=np.zeros(count, dtype=bool))
 
     def squared_distance(self, values: Float32) -> Float32:
         """Squared distances (n,) of grey values (n,) from the means, in standard deviations."""
