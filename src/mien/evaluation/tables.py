@@ -99,11 +99,11 @@ def published_and_measured(scores: Scores) -> Table | None:
         rows += [(name, "published: BUFT, 45 sequences", NONE, *cells) for name, *cells in REBASED_REFERENCES]
     rows += [
         (
-            t,
-            f"measured here: {' '.join(dict.fromkeys((scores.evaluation.dataset, k)))}, {sequences_of(chosen)}",
+            tracker,
+            f"measured here: {' '.join(dict.fromkeys((scores.evaluation.dataset, kind)))}, {sequences_of(chosen)}",
             *table_1_cells(chosen, scores.evaluation.lost_deg),
         )
-        for t, k, chosen in _by_kind(scores, lambda s: s.has_pose)
+        for tracker, kind, chosen in _by_kind(scores, lambda s: s.has_pose)
     ]
     threshold = f"P_s counts frames whose e_i is at most ({scores.evaluation.lost_deg:g} degrees)². "
     of_paper = "E is over these frames. " if scores.protocol is Protocol.PAPER else "E is over all frames. "
@@ -120,10 +120,10 @@ def published_and_measured(scores: Scores) -> Table | None:
 def by_kind(scores: Scores) -> Table:
     """Mean of the three mean absolute errors, for each kind of sequence, and the lost frames of all."""
     rows = []
-    for t in scores.trackers:
-        if chosen := scores.with_pose(t):
-            errors = (number(float(pooled_errors(scores.with_pose(t, k)).mean())) for k in scores.kinds)
-            rows.append((t, *errors, lost_of(chosen), done_of(scores, t)))
+    for tracker in scores.trackers:
+        if chosen := scores.with_pose(tracker):
+            errors = (number(float(pooled_errors(scores.with_pose(tracker, kind)).mean())) for kind in scores.kinds)
+            rows.append((tracker, *errors, lost_of(chosen), done_of(scores, tracker)))
     return Table(
         "kinds",
         "Rotation error in degrees by kind of sequence",
@@ -229,11 +229,11 @@ def calibration(scores: Scores) -> Table:
 
 def jitter(scores: Scores) -> Table:
     """Standard deviation of the second difference of the error."""
-    rows = [
-        (t, *(number(mean(np.array([s.jitter_deg for s in scores.with_pose(t, k)])), 3) for k in scores.kinds))
-        for t in scores.trackers
-        if scores.with_pose(t)
-    ]
+    rows = []
+    for tracker in scores.trackers:
+        if scores.with_pose(tracker):
+            jitters = (np.array([s.jitter_deg for s in scores.with_pose(tracker, kind)]) for kind in scores.kinds)
+            rows.append((tracker, *(number(mean(of_kind), 3) for of_kind in jitters)))
     return Table(
         "jitter",
         "Jitter",
