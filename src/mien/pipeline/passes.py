@@ -142,7 +142,8 @@ def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException, draw
             stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
             track = _track_of(learned, recorder, stopped)
             has_overlay = drawn and learned.number == learned.passes  # else there is none that NAME.json could name
-            (learned.files if has_overlay else replace(learned.files, overlay=None)).write_table(track)
+            files = learned.files if has_overlay else replace(learned.files, overlay=None)
+            files.write_table(track)
             warn(f"stopped after {recorder.count} frames, which are in {table}")
             try:
                 learned.files.write_drawn(track)
@@ -156,7 +157,8 @@ def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> 
     tracker, axes = learned.tracker, axes_of(learned.tracker)
     known = metadata(learned.begin, learned.preset, tracker, recorder, learned.number, learned.face_id, stopped)
     track = Track(recorder.table(), known)
-    track = track.with_depths(_final_depths(tracker, track, recorder)) if isinstance(tracker, ShapeTracker) else track
+    if isinstance(tracker, ShapeTracker):
+        track = track.with_depths(_final_depths(tracker, track, recorder))
     if axes is None:
         return track
     recorder.turn = axes.report_anew() @ recorder.turn  # kept, as it is told only once and this may be interrupted

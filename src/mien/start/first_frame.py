@@ -222,7 +222,8 @@ def _frame_of(
     since = math.inf if before is None else landmarks.time - before.time
     until = 0.5 / source.fps if reached is None else reached.time - landmarks.time
     if before is not None and since < until:
-        return before, skipped[:-1], frames if reached is None else chain([reached], frames)
+        later = frames if reached is None else chain([reached], frames)
+        return before, skipped[:-1], later
     if reached is None:
         raise MienError(f"{landmarks.source} belongs to {landmarks.time:.2f} s, where {source.name} has no frame")
     if until > 1.5 / source.fps:
