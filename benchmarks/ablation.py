@@ -232,8 +232,7 @@ def main() -> None:
     missing = set(KINDS) - {sequence.kind for sequence in sequences}
     require(not missing, f"{path} holds no sequence of the kind {', '.join(sorted(missing))}; give one of each kind")
     every = [prepare(sequence) for sequence in sequences]
-    columns = ("", *KINDS, "all", "lost", "jaw", "smile", "false", "jitter", "all, every third", "lost")
-    print_heads(*columns)
+    print_heads("", *KINDS, "all", "lost", "jaw", "smile", "false", "jitter", "all, every third", "lost")
     for name, make in rows.items():
         scores = ([score(make, thinned(run, step)) for run in every] for step in (1, STEP))
         print("| " + " | ".join((name, *cells(*scores))) + " |", flush=True)

@@ -92,8 +92,7 @@ def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
     of_nods = [f"{name}: {what}" for name in TRACKERS for what in ("tilt", "RMS")]
-    columns = ("recording", "blinks", "frames", *of_nods, "correlation", "shut", "open")
-    print_heads(*columns)
+    print_heads("recording", "blinks", "frames", *of_nods, "correlation", "shut", "open")
     for path in paths:
         opening = openings(path, seconds)
         found = blinks(opening)

@@ -50,11 +50,9 @@ MOTIONS = {
     "uniform1": "c_uniform1", "uniform2": "a_uniform2", "expression1": "c_expression1", "light1": "a_light1",
     "light2": "e_light1", "wide1": "c_wide1",
 }  # fmt: skip
-TURNS, TURN_STEPS, SPEAKING = (
-    ((-30, 10), (0, 0), (35, -15), (10, 45), (0, 0), (-20, -40)),
-    (12, 10, 15, 12, 14, 10),
-    "e_expression1",
-)
+TURNS = ((-30, 10), (0, 0), (35, -15), (10, 45), (0, 0), (-20, -40))
+TURN_STEPS = (12, 10, 15, 12, 14, 10)
+SPEAKING = "e_expression1"
 """Of a further sequence: tilt and pan, in how many frames the head turns each time, and whose expression it has."""
 STARTS = (50, 100, 150)
 SEEDS = 20, 50
@@ -73,7 +71,8 @@ class Frames:
     error: (n, 3) of the rotations since the first frame, rotation vectors in camera axes; spread: (n, 3, 3) inverse of
     the Gauss-Newton matrix over the share that is seen; misfit (n,); turn: (n, 3), what an error of the whole turn
     would be; axes: (n, 3, 3), what one standard deviation of the head's axes k is, [:, :, k]; relief_sd, lean (n,) and
-    other (n,), the variance of the share of the turn that has other factors.
+    other (n,), the variance of the share of the turn that has other factors; tilted: (n, 3), the variance of the tilt
+    that an expression adds.
     """
 
     error: Array

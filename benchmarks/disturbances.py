@@ -154,8 +154,7 @@ def main() -> None:
     known = [t for t in clean if t is not None]
     faceless = [str(path) for path, t in zip(paths, clean, strict=True) if t is None]
     require(not faceless, f"{', '.join(faceless)}: no face in the first frame; leave such videos out")
-    columns = ("", "mean", "of the worst video", "95 %", "lost", "confidence below a half", "refused")
-    print_heads(*columns)
+    print_heads("", "mean", "of the worst video", "95 %", "lost", "confidence below a half", "refused")
     for name, disturb in DISTURBANCES.items():
         print(row(name, known, [track(arguments.tracker, disturb(pixels)) for pixels in videos], 1), flush=True)
     for name, step in STEPS.items():
