@@ -28,7 +28,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import Landmarks
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Estimate, Status, TrackedLandmarks, Tracker
 
 FIRST = Landmarks(face68(), "ibug68")
 
@@ -40,6 +40,10 @@ def sequence(tmp_path: Path) -> Sequence:
 
 def _perfect() -> Known:
     return Known(FACING @ head_rotations(angles_deg()))
+
+
+def _score(tracker: Tracker, sequence: Sequence) -> Score:
+    return Score(run_sequence(tracker, sequence, FIRST), Protocol.REBASED, 30.0)
 
 
 def test_a_result_is_read_as_it_was_written(sequence: Sequence, tmp_path: Path) -> None:
@@ -131,8 +135,7 @@ def test_of_neighbours_the_worst_frame_is_shown(sequence: Sequence, monkeypatch:
 
 def test_landmark_scores(sequence: Sequence) -> None:
     """Three pixels to the right in every frame: raw 3, without offset 0, normalised by the outer corners."""
-    result = run_sequence(tiny.Shifted(), sequence, FIRST)
-    score = Score(result, Protocol.REBASED, 30.0)
+    score = _score(tiny.Shifted(), sequence)
     np.testing.assert_allclose(score.frame_rms_px, 3, atol=1e-6)
     np.testing.assert_allclose(score.frame_rms_without_offset_px, 0, atol=1e-6)
     assert score.eye_distance_px == pytest.approx(float(np.linalg.norm(face68()[36] - face68()[45])))
@@ -144,39 +147,35 @@ def test_landmark_scores(sequence: Sequence) -> None:
 def test_expressions_that_hardly_change_are_none(opening: float, moves: bool, sequence: Sequence) -> None:
     opened = np.linspace(0, opening, FRAMES)[:, None]
     truth = Truth(FRAMES, expression=opened, expression_names=("jawOpen",))
-    result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: truth), FIRST)
-    assert Score(result, Protocol.REBASED, 30.0).expression_moves is moves
+    assert _score(Still(), replace(sequence, read_truth=lambda frames: truth)).expression_moves is moves
 
 
 def test_expressions_move_also_where_frames_have_no_truth(sequence: Sequence) -> None:
     opened = np.linspace(0, 0.5, FRAMES)[:, None]
     opened[1] = np.nan
     truth = Truth(FRAMES, expression=opened, expression_names=("jawOpen",))
-    result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: truth), FIRST)
-    assert Score(result, Protocol.REBASED, 30.0).expression_moves is True
+    assert _score(Still(), replace(sequence, read_truth=lambda frames: truth)).expression_moves is True
 
 
 def test_jitter_is_that_of_tracked_frames(sequence: Sequence) -> None:
     """In a lost frame the last rotation is held, and the head goes on."""
     tracker = _perfect()
     tracker.rotations[3] = np.nan
-    score = Score(run_sequence(tracker, sequence, FIRST), Protocol.REBASED, 30.0)
+    score = _score(tracker, sequence)
     assert np.abs(score.error_deg[3]).min() > 1
     assert score.jitter_deg == pytest.approx(0, abs=1e-9)
 
 
 def test_truth_without_a_known_frame_has_no_figures(sequence: Sequence) -> None:
     unknown = Truth(FRAMES, landmarks=np.full((FRAMES, 68, 2), np.nan))
-    result = run_sequence(Still(), replace(sequence, read_truth=lambda frames: unknown), FIRST)
-    score = Score(result, Protocol.REBASED, 30.0)
-    assert "for any frame" in score.failure
+    assert "for any frame" in _score(Still(), replace(sequence, read_truth=lambda frames: unknown)).failure
 
 
 def test_truth_without_the_corners_of_the_eyes_is_not_normalised(sequence: Sequence) -> None:
     points = np.tile(face68(), (FRAMES, 1, 1))
     points[:, 36] = np.nan
     partial = replace(sequence, read_truth=lambda frames: Truth(frames, landmarks=points))
-    assert np.isnan(Score(run_sequence(Still(), partial, FIRST), Protocol.REBASED, 30.0).eye_distance_px)
+    assert np.isnan(_score(Still(), partial).eye_distance_px)
 
 
 def test_truth_of_another_length_is_refused(sequence: Sequence) -> None:
@@ -203,15 +202,13 @@ def test_scores_of_the_pose(sequence: Sequence) -> None:
     np.testing.assert_allclose(score.mean_errors, 0, atol=1e-9)
     assert score.jitter_deg == pytest.approx(0, abs=1e-9)
     np.testing.assert_array_equal(score.calibrated, np.arange(FRAMES) > 0)
-    still = Score(run_sequence(Still(), sequence, FIRST), Protocol.REBASED, 30.0)
-    np.testing.assert_allclose(still.mean_errors, np.abs(angles_deg()).mean(axis=0), atol=1e-9)
+    np.testing.assert_allclose(_score(Still(), sequence).mean_errors, np.abs(angles_deg()).mean(axis=0), atol=1e-9)
 
 
 def test_a_tracker_without_a_first_pose_has_no_figures(sequence: Sequence) -> None:
     tracker = _perfect()
     tracker.rotations[0] = np.nan
-    score = Score(run_sequence(tracker, sequence, FIRST), Protocol.REBASED, 30.0)
-    assert "no pose in the first frame" in score.failure
+    assert "no pose in the first frame" in _score(tracker, sequence).failure
 
 
 class _Landmarks(Still):
@@ -225,7 +222,7 @@ class _Landmarks(Still):
 
 
 def test_a_tracker_of_landmarks_alone_is_measured_by_them(sequence: Sequence) -> None:
-    score = Score(run_sequence(_Landmarks(), sequence, FIRST), Protocol.REBASED, 30.0)
+    score = _score(_Landmarks(), sequence)
     assert score.failure == ""
     assert score.comparison is None
     np.testing.assert_allclose(score.frame_rms_px, 0, atol=1e-6)

@@ -128,21 +128,19 @@ def estimate(frame: Frame, rotation: Array | None = None, shift_px: float = 0.0)
 class Still:
     """Says that the face looks into the camera and does not move."""
 
+    shift_px = 0.0
+
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        return estimate(frame)
+        return estimate(frame, shift_px=self.shift_px)
 
     def track(self, frame: Frame) -> Estimate:
-        return estimate(frame)
+        return estimate(frame, shift_px=self.shift_px)
 
 
 class Shifted(Still):
     """Puts every landmark three pixels to the right."""
 
-    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        return estimate(frame, shift_px=3.0)
-
-    def track(self, frame: Frame) -> Estimate:
-        return estimate(frame, shift_px=3.0)
+    shift_px = 3.0
 
 
 class Known(Still):
