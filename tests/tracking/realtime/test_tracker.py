@@ -37,6 +37,8 @@ from mien.video import open_video
 from small_motion import begun, errors_deg, face, run, small_motion
 from videos import portrait_images, turn_by_metadata, write_video
 
+TRACKERS = (RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker)
+
 
 @pytest.fixture(scope="module")
 def estimates() -> list[Estimate]:
@@ -56,9 +58,7 @@ def test_the_face_is_followed(estimates: list[Estimate]) -> None:
     assert [(e.index, e.time) for e in estimates] == [(f.index, f.time) for f in sequence().frames]
 
 
-@pytest.mark.parametrize(
-    "new", [RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker]
-)
+@pytest.mark.parametrize("new", TRACKERS)
 def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], Tracker]) -> None:
     """They would be tracked, at angles that are wrong by tens of degrees; and so is what is no frame at all."""
     tracker: Any = new()
@@ -77,9 +77,7 @@ def test_frames_that_the_camera_cannot_have_taken_are_refused(new: Callable[[], 
         tracker.track(Frame(np.ascontiguousarray(first.pixels[:120]), 7))
 
 
-@pytest.mark.parametrize(
-    "new", [RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker]
-)
+@pytest.mark.parametrize("new", TRACKERS)
 def test_a_tracker_that_could_not_learn_its_face_knows_none(new: Callable[[], Tracker]) -> None:
     """It would go on with the camera of one face and the look of another."""
     first, second, *_ = small_motion().frames
