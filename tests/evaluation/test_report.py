@@ -193,8 +193,9 @@ def test_landmark_jitter_cost_and_failure_tables(out: Path) -> None:
         ("bad", "a_uniform1", "it rained"),
         ("bad", "b_wide1", "not run yet"),
     ]
-    alike = [replace(s, result=replace(s.result, failure="no truth")) for s in scores.scores]
-    assert [r["tracker"] for r in _rows(tables.failures(replace(scores, scores=tuple(alike))))] == ["good, shifted, bad"] * 2
+    alike = tuple(replace(s, result=replace(s.result, failure="no truth")) for s in scores.scores)
+    named = [row["tracker"] for row in _rows(tables.failures(replace(scores, scores=alike)))]
+    assert named == ["good, shifted, bad"] * 2
 
 
 def test_what_was_warned_of_comes_first_and_once(out: Path) -> None:
