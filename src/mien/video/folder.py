@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mien.arrays import Pixels
 from mien.errors import require, warn
-from mien.files import real_path
+from mien.files import printable, real_path
 from mien.frame import Frame
 from mien.video.container import VIDEO_SUFFIXES
 from mien.video.scaling import same_size
@@ -103,11 +103,8 @@ def _warn_of_others(path: Path, images: list[Path], videos: int, batch: str) -> 
 
 def _count_in(file: Path) -> int:
     """Number of images in a file; 1 for a name that is not valid UTF-8, at which OpenCV would crash."""
-    try:
-        str(file).encode()
-    except UnicodeEncodeError:
-        return 1
-    return int(cv2.imcount(str(file)))
+    name = str(file)
+    return int(cv2.imcount(name)) if printable(name) == name else 1
 
 
 def _warn_of_gap(path: Path, images: list[Path]) -> None:
