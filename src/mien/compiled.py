@@ -49,6 +49,11 @@ def _stamp(file: Path) -> tuple[str, bytes]:
     return _source_stamp(), own
 
 
+def _folder_beside(file: str) -> str:
+    """The folder in which Numba keeps the kernels of a file where it can write there."""
+    return str(Path(file).parent / "__pycache__")
+
+
 class _Beside:
     """For Numba, which reads what `pip` has compiled beside the source only if it can write there, too: that folder."""
 
@@ -63,7 +68,7 @@ class _Beside:
         """Before a kernel is written there, which fails by itself where it cannot be."""
 
     def get_cache_path(self) -> str:
-        return str(Path(self._py_file).parent / "__pycache__")
+        return _folder_beside(self._py_file)
 
     def get_source_stamp(self) -> tuple[str, bytes]:
         return _stamp(Path(self._py_file))
@@ -122,11 +127,10 @@ def _keep_where_possible(cache: Any) -> None:
 
 def _load_installed_too(cache: Any, function: Callable[..., Any]) -> None:
     """Where Numba keeps a kernel elsewhere, as it cannot write beside the source, let it also load what is there."""
-    installed = _Installed(function)
-    if numba.config.CACHE_DIR or installed.cache_path == cache.cache_path:
+    if numba.config.CACHE_DIR or cache.cache_path == _folder_beside(function.__code__.co_filename):
         return
-    load, cache.installed = cache.load_overload, installed
-    cache.load_overload = lambda *overload: load(*overload) or installed.load_overload(*overload)
+    load, cache.installed = cache.load_overload, _Installed(function)
+    cache.load_overload = lambda *overload: load(*overload) or cache.installed.load_overload(*overload)
 
 
 def kernel(**options: Any) -> Callable[[F], F]:
@@ -138,8 +142,8 @@ def kernel(**options: Any) -> Callable[[F], F]:
         except RuntimeError:  # neither the package's folder nor the user's can be written
             compiled = numba.njit(**_OPTIONS | options | {"cache": False})(function)
             compiled._cache = _Installed(function)
-        cache = getattr(compiled, "_cache", None)
-        if cache is not None:  # as with NUMBA_DISABLE_JIT
+        cache = getattr(compiled, "_cache", None)  # none with NUMBA_DISABLE_JIT
+        if cache is not None:
             cache._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename))
             _keep_where_possible(cache)
             _load_installed_too(cache, function)
