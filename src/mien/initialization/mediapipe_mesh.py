@@ -68,16 +68,18 @@ def read_faces(mesh: Any, pixels: Pixels) -> list[Array]:
     return [np.array([[p.x * width, p.y * height, p.z * width] for p in f.landmark]) for f in answer]
 
 
+_NOT_NEEDED = ("matplotlib", "matplotlib.pyplot", "sounddevice")
+
+
 def import_solution(module: str, name: str) -> Any:
     """Import one of MediaPipe's solutions without Matplotlib, which their drawing code imports and which takes half a
-    second: it is imported on first use.
+    second, and without sounddevice, which opens the audio of the machine: these are imported on first use.
 
     Raises ImportError if MediaPipe is not installed.
     """
-    names = ("matplotlib", "matplotlib.pyplot")
-    lazy = {} if names[0] in sys.modules else {name: _LazyModule(name) for name in names}
-    if lazy:
-        vars(lazy[names[0]])["pyplot"] = lazy[names[1]]
+    lazy = {name: _LazyModule(name) for name in _NOT_NEEDED if name not in sys.modules}
+    if "matplotlib" in lazy:
+        vars(lazy["matplotlib"])["pyplot"] = lazy["matplotlib.pyplot"]
     sys.modules.update(lazy)
     try:
         return getattr(import_module(f"mediapipe.python.solutions.{module}"), name)

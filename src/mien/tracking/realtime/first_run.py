@@ -22,7 +22,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from mien.appearance import crop, descriptors, face_camera, rendering
+from mien.appearance import crop, descriptors, face_camera, rendering, surface
 from mien.compiled import is_cached
 from mien.processes import available_processors
 from mien.tracking.realtime import (
@@ -121,6 +121,7 @@ _KERNELS: tuple[Kernel, ...] = (
 face, the solver, and what shares kernels with that. This one, once it has learned the face, compiles from the end, and
 they meet in the middle, at kernels that compile quickly, as both may compile the same one there."""
 _LEARNING: tuple[Kernel, ...] = (
+    (surface._nearest, (_array(2), _array(2, np.int64), _array(1), _array(2))),
     (rendering._rasterize,
      (_array(2), _array(1), _array(2, np.int64), _single(3), _array(2), _array(1), _single(3), _single(3), _single(2))),
     (descriptors._orientation_maps, (_single(2), 0.0, _single(1), _single(2), _single(1), _single(2))),
