@@ -26,14 +26,23 @@ from mien.evaluation.cells import NONE, table_1_cells
 from mien.evaluation.contact_sheet import ESTIMATE, TILE, TRUTH, _around, _on_tile, contact_sheet
 from mien.evaluation.datasets import load_dataset
 from mien.evaluation.datasets.sequence import Truth
-from mien.evaluation.figures import _annotated_rms, angles_over_time, landmark_rms_over_time, save_figures, with_gaps
+from mien.evaluation.figures import (
+    _annotated_rms,
+    angles_over_time,
+    error_against_head_angle,
+    landmark_rms_over_time,
+    reliability_diagram,
+    save_figures,
+    success_against_threshold,
+    with_gaps,
+)
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
 from mien.evaluation.plan import Evaluation, result_path, timing_path
 from mien.evaluation.published import REBASED_REFERENCES
 from mien.evaluation.report import write_report
 from mien.evaluation.results import SequenceResult, Timing
 from mien.evaluation.run import run_sequence
-from mien.evaluation.scores import Score, Scores, load_scores, spread_of_errors
+from mien.evaluation.scores import Score, Scores, load_scores, reliability, spread_of_errors
 from mien.evaluation.tables import Table
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
@@ -428,11 +437,16 @@ def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> N
     for figure in (
         angles_over_time(made, [one.result.sequence]),
         landmark_rms_over_time(made, [one.result.sequence]),
+        error_against_head_angle(made),
+        success_against_threshold(made),
+        reliability_diagram({name: reliability(made.with_pose(name)) for name in names}),
     ):
         figure.draw_without_rendering()
         (legend,) = figure.legends
-        assert [text.get_text() for text in legend.get_texts() if text.get_text() != "truth"] == list(names[:-1])
+        shown = [text.get_text() for text in legend.get_texts()]
+        assert [text for text in shown if text not in ("truth", "threshold of the tables")] == list(names[:-1])
         assert legend.get_window_extent().x1 <= figure.bbox.x1
+        assert legend.get_window_extent().y0 >= max(axis.bbox.y1 for axis in figure.axes)  # hides no line
 
 
 def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:

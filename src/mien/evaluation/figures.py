@@ -8,9 +8,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
@@ -95,8 +97,8 @@ def angles_over_time(scores: Scores, names: Sequence[str]) -> Figure:
     for k, name in enumerate(ANGLE_NAMES):
         axes[0, k].set_title(name, fontsize=10)
         axes[-1, k].set_xlabel("frame")
-    shown = [score for name in names for score in _with_pose(scores, name)]
-    _legend(figure, scores, shown, extra=("truth", TRUTH_COLOUR))
+    entries = _entries(scores, [score for name in names for score in _with_pose(scores, name)])
+    _legend(figure, [*entries, Line2D([], [], color=TRUTH_COLOUR, linestyle="--", label="truth")])
     return figure
 
 
@@ -118,7 +120,7 @@ def landmark_rms_over_time(scores: Scores, names: Sequence[str]) -> Figure:
         axis.set_xlabel("frame")
     for axis in axes[: len(names) : columns]:
         axis.set_ylabel("RMS (px)")
-    _legend(figure, scores, [score for name in names for score in _with_points(scores, name)])
+    _legend(figure, _entries(scores, [score for name in names for score in _with_points(scores, name)]))
     return figure
 
 
@@ -146,7 +148,7 @@ def error_against_head_angle(scores: Scores) -> Figure:
         axis.yaxis.set_minor_formatter("{x:g}")
         axis.tick_params(axis="y", which="minor", labelsize=8)
     _tidy(axis)
-    axis.legend(frameon=False, fontsize=None if few else 7, ncols=1 if few else 2)
+    _legend(figure, axis.get_legend_handles_labels()[0])
     return figure
 
 
@@ -167,7 +169,7 @@ def success_against_threshold(scores: Scores) -> Figure:
     axis.set_ylabel("P_s (per cent)")
     axis.set_ylim(0, 102)
     _tidy(axis)
-    axis.legend(frameon=False, loc="lower right")
+    _legend(figure, axis.get_legend_handles_labels()[0])
     return figure
 
 
@@ -187,8 +189,7 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     below.set_xlabel("confidence")
     for axis in (above, below):
         _tidy(axis)
-    if above.get_legend_handles_labels()[1]:
-        above.legend(frameon=False, loc="lower right")
+    _legend(figure, above.get_legend_handles_labels()[0])
     return figure
 
 
@@ -277,14 +278,14 @@ def _tidy(axis: Axes) -> None:
     axis.tick_params(labelsize=8)
 
 
-def _legend(figure: Figure, scores: Scores, shown: Sequence[Score], extra: tuple[str, str] | None = None) -> None:
-    """Add a legend of the trackers above the figure, in as many rows as its width requires."""
-    from matplotlib.lines import Line2D
-
+def _entries(scores: Scores, shown: Sequence[Score]) -> list[Artist]:
+    """The entries of a legend: the trackers that have one of these scores."""
     drawn = {score.result.tracker for score in shown}
-    entries = [Line2D([], [], color=c, label=t) for t, c in _colours(scores).items() if t in drawn]
-    if extra is not None:
-        entries.append(Line2D([], [], color=extra[1], linestyle="--", label=extra[0]))
+    return [Line2D([], [], color=c, label=t) for t, c in _colours(scores).items() if t in drawn]
+
+
+def _legend(figure: Figure, entries: Sequence[Artist]) -> None:
+    """Add a legend above the figure, where it hides no line, in as many rows as its width requires."""
     longest = max((len(str(entry.get_label())) for entry in entries), default=0)
     columns = int(figure.get_figwidth() / (_ENTRY_INCHES + _LETTER_INCHES * longest))
     columns = max(1, min(columns, len(entries)))
