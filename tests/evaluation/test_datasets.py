@@ -42,6 +42,12 @@ def test_buft_reads_six_and_seven_columns(tmp_path: Path, columns: int) -> None:
     assert sequence.with_focal(320).camera_for(320, 240).focal_px == 320
 
 
+def test_buft_as_editors_of_windows_write_it(tmp_path: Path) -> None:
+    dat = tiny.buft(tmp_path) / "jam1.dat"
+    dat.write_text(dat.read_text(), encoding="utf-8-sig", newline="\r\n")
+    np.testing.assert_allclose(_truth("buft", tmp_path).angles_deg, angles_deg(), atol=1e-6)
+
+
 def test_buft_drops_the_first_row_also_where_there_are_as_many_as_frames(tmp_path: Path) -> None:
     truth = _truth("buft", tiny.buft(tmp_path), FRAMES + 1)
     assert truth.angles_deg is not None
@@ -207,9 +213,10 @@ def _fgnet_points() -> Array:
 
 def test_talking_face_of_ibug_in_plain_lines_counts_pixels_from_zero(tmp_path: Path) -> None:
     plain = "\n".join(f"{x:.4f} {y:.4f}" for x, y in face68())
-    truth = _truth("talking-face", tiny.talking_face(tmp_path, face68(), plain, (0, 3)))
-    assert truth.landmarks is not None
-    np.testing.assert_allclose(truth.landmarks[3], face68(), atol=1e-4)
+    for mark_of_windows in ("", "\ufeff"):
+        truth = _truth("talking-face", tiny.talking_face(tmp_path, face68(), mark_of_windows + plain, (0, 3)))
+        assert truth.landmarks is not None
+        np.testing.assert_allclose(truth.landmarks[3], face68(), atol=1e-4)
 
 
 @pytest.mark.parametrize("as_video", [False, True])

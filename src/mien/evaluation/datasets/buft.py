@@ -82,7 +82,7 @@ def read_truth(path: Path, frames: int) -> Truth:
 def read_dat(path: Path) -> Array:
     """Read the rows (n, 6) of a `.dat`: X, Y, depth, roll, yaw, pitch. Raises MienError for any other table."""
     try:
-        rows = np.loadtxt(path, ndmin=2)
+        rows = np.loadtxt(path, ndmin=2, encoding="utf-8-sig")
     except ValueError as e:
         raise MienError(f"{path} is not a table of numbers ({e}); BUFT's .dat has 6 or 7 columns") from e
     require(

@@ -110,7 +110,7 @@ def _read_points(file: Path, braces: bool) -> Array:
     if braces:
         return read_landmarks(file).points + PTS_ORIGIN
     try:
-        points = np.loadtxt(file, ndmin=2)
+        points = np.loadtxt(file, ndmin=2, encoding="utf-8-sig")
     except ValueError as e:
         raise MienError(f"{file} is not a list of points ({e}); it needs 68 lines of x and y") from e
     require(points.shape == (68, 2), f"{file} has points of shape {points.shape}; it needs 68 lines of x and y")
