@@ -449,6 +449,14 @@ def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> N
         assert legend.get_window_extent().y0 >= max(axis.bbox.y1 for axis in figure.axes)  # hides no line
 
 
+def test_one_bin_of_the_angle_of_the_head_shows_both_quantiles(out: Path) -> None:
+    scores = load_scores(out)
+    many = replace(scores, scores=scores.for_tracker("good") * 10)  # ten frames in a bin
+    lines = error_against_head_angle(many).axes[0].get_lines()
+    assert len(lines) == 2
+    assert all(line.get_marker() != "None" for line in lines)  # a line through one point cannot be seen
+
+
 def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:
     sheet = contact_sheet(load_scores(out).for_tracker("good"))
     assert sheet is not None

@@ -137,7 +137,7 @@ def error_against_head_angle(scores: Scores) -> Figure:
             centres, median, high = _binned(turned, error)
             axis.plot(centres, median, color=colour, marker="o", markersize=4, label=tracker)
             if few:
-                axis.plot(centres, high, color=colour, linewidth=0.9, linestyle=":")
+                axis.plot(centres, high, color=colour, marker=".", linewidth=0.9, linestyle=":")
     axis.set_xlabel("rotation of the head since the first frame (degrees)")
     axis.set_ylabel("rotation error (degrees)\n" + ("median; dotted: 90th percentile" if few else "median"))
     if few:
