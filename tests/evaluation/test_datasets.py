@@ -429,6 +429,19 @@ def test_a_row_without_success_is_no_truth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isfinite(truth.rotations[:, 0, 0]), np.isin(np.arange(FRAMES), [0, 5]))
 
 
+def test_rows_of_separators_as_spreadsheets_leave_them_are_none(tmp_path: Path) -> None:
+    rows = ["0,0,0.1,0,0", ",,,,", "1,0,0.2,0,0", ",,,,", ",,,,"]
+    truth = _truth("video", _annotate(tmp_path, "frame,face_id,pose_Rx,pose_Ry,pose_Rz", rows))
+    np.testing.assert_array_equal(truth.known, np.arange(FRAMES) < 2)
+
+
+def test_a_table_in_another_encoding_says_which_is_read(tmp_path: Path) -> None:
+    root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", ["0,0,0,0"])
+    (root / "mine.csv").write_text("frame,pose_Rx,pose_Ry,pose_Rz\n0,0,0,0\n", encoding="utf-16")
+    with pytest.raises(MienError, match=r"mine\.csv is not a readable CSV .*; save it again, as UTF-8"):
+        _truth("video", root)
+
+
 def test_the_first_face_of_several_is_read(tmp_path: Path) -> None:
     file = tmp_path / "two.csv"
     file.write_text("frame,face_id,pose_Rx,pose_Ry,pose_Rz\n1,0,0.1,0,0\n1,1,0.2,0,0\n2,0,0.3,0,0\n")
