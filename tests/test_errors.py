@@ -6,9 +6,11 @@ import warnings
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
-from mien.errors import MienWarning, interruption, noted_warnings, warn, warnings_noted
+import mien
+from mien.errors import MienError, MienWarning, interruption, noted_warnings, warn, warnings_noted
 
 
 def _chained(*errors: BaseException) -> BaseException:
@@ -52,3 +54,13 @@ def test_what_is_warned_of_is_noted_once_by_who_asks_for_it() -> None:
         with pytest.raises(MienWarning):
             warn("blurred")
         assert noted_warnings() == ["blurred"]
+
+
+def test_a_warning_names_the_line_that_called_mien() -> None:
+    """However deep in mien, in a generator or a decorated function, it is issued."""
+    repeated = [mien.Frame(np.zeros((8, 8), np.uint8)) for _ in range(2)]
+    with pytest.warns(MienWarning, match="comes after") as streamed:
+        list(mien.stream(repeated))
+    with pytest.warns(MienWarning, match="comes after") as tracked, pytest.raises(MienError, match="no face"):
+        mien.track(repeated)
+    assert {warning.filename for warning in [*streamed, *tracked]} == {__file__}

@@ -1,5 +1,6 @@
 """The one error and the one warning that mien raises for its users."""
 
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,11 +19,20 @@ class MienWarning(UserWarning):
 
 
 def warn(message: str) -> None:
-    """Issue a `MienWarning`; the command line prints it as one sentence."""
+    """Issue a `MienWarning`, which names the line that has called mien; the command line prints it as one sentence."""
     noted = _noted.get()
     if noted is not None:
         noted[message] = None
-    warnings.warn(message, MienWarning, stacklevel=3)
+    warnings.warn(message, MienWarning, stacklevel=_depth_of_mien() + 1)
+
+
+def _depth_of_mien() -> int:
+    """How many calls lie within mien, and within the `contextlib` that decorates some of its functions, from the caller
+    of this on."""
+    depth, frame = 0, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in ("mien", "contextlib"):
+        depth, frame = depth + 1, frame.f_back
+    return depth
 
 
 @contextmanager
