@@ -21,6 +21,11 @@ def _normals(model: Candide) -> Array:
     return np.cross(b - a, c - a)
 
 
+def test_models_are_told_apart() -> None:
+    assert {MODEL: "default", Candide.default(168): "closed"}[MODEL] == "default"
+    assert Candide.default(168) != MODEL
+
+
 def test_counts_of_the_report() -> None:
     assert MODEL.mean.shape == (113, 3)
     assert MODEL.triangles.shape == (184, 3)

@@ -32,6 +32,12 @@ def test_landmarks_stay_as_they_are_where_a_program_goes_on_in_its_array() -> No
     np.testing.assert_array_equal(landmarks.points, _spread().points)
 
 
+def test_landmarks_of_several_faces_are_told_apart() -> None:
+    faces = [_spread(), _spread(), _spread()]
+    assert faces.index(faces[2]) == 2
+    assert len(set(faces)) == 3
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_correspondences_pick_rows(scheme: str) -> None:
     """Each point stands for its own row, so that it is seen which were picked; roots, so that no middle of two of

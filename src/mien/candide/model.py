@@ -41,9 +41,9 @@ MOUTH_TRIANGLES = ((88, 81, 83), (83, 81, 40), (40, 81, 87), (87, 82, 40), (40, 
 """Triangles between the lips, where CANDIDE has a hole; they are not part of `Candide.triangles`."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candide:
-    """The parameterised face: mean shape, shape units, animation units, triangles.
+    """The parameterised face: mean shape, shape units, animation units, triangles. Models compare by identity.
 
     mean: (V, 3) `gbar`; triangles: (T, 3) vertex indices, counter-clockwise seen from outside;
     shape_units: (K, V, 3) `S`; animation_units: (L, V, 3) `A`; names are in the order of the rows.

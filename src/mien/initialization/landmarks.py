@@ -150,9 +150,9 @@ _LEAST_MIRRORED = 0.3
 may be those of a profile with small errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Landmarks:
-    """Annotated or detected points of one face in one frame.
+    """Annotated or detected points of one face in one frame. They compare by identity.
 
     points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, increasing away from the
     camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages;
