@@ -158,6 +158,14 @@ def test_a_tracker_of_your_own_is_found_where_python_runs(tmp_path: Path, monkey
         create_tracker("math:sin")
 
 
+@pytest.mark.parametrize("settings", [{}, {"adaptation": {"view_rate": 0}}, "own.json", Settings()])
+def test_a_tracker_takes_only_settings_of_its_own_kind(settings: Any) -> None:
+    with pytest.raises(MienError, match=r"give mien\.config\.RealtimeSettings"):
+        RealtimeTracker(settings)
+    with pytest.raises(MienError, match=r"give mien\.config\.PaperSettings"):
+        PaperTracker(settings)
+
+
 def test_an_estimate_belongs_to_its_frame() -> None:
     frame = Frame(np.zeros((8, 8, 3), np.uint8), 3, 0.12)
     estimate = Estimate.lost(frame, "behind a hand")

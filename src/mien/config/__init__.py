@@ -2,6 +2,13 @@
 
 from mien.config.paper import PaperSettings
 from mien.config.realtime import RealtimeSettings
-from mien.config.settings import DescriptorSettings, Settings, read_settings
+from mien.config.settings import DescriptorSettings, Settings, given_or_default, read_settings
 
-__all__ = ["DescriptorSettings", "PaperSettings", "RealtimeSettings", "Settings", "read_settings"]
+__all__ = [
+    "DescriptorSettings",
+    "PaperSettings",
+    "RealtimeSettings",
+    "Settings",
+    "given_or_default",
+    "read_settings",
+]

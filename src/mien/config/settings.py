@@ -50,6 +50,15 @@ class DescriptorSettings(Settings):
 SomeSettings = TypeVar("SomeSettings", bound=Settings)
 
 
+def given_or_default(settings: SomeSettings | None, kind: type[SomeSettings]) -> SomeSettings:
+    """The settings that a tracker is given, by default those of its kind. Raises MienError for any others."""
+    require(
+        settings is None or isinstance(settings, kind),
+        f"the settings are {type(settings)}; give mien.config.{kind.__name__}, or omit them",
+    )
+    return kind() if settings is None else settings
+
+
 def read_settings(path: Path, kind: type[SomeSettings]) -> SomeSettings:
     """Read settings of one kind from a JSON file: either the values that differ from the defaults, keyed by name, or
     the NAME.json of a track.

@@ -12,7 +12,7 @@ from mien.appearance.gaussian import Gaussians
 from mien.appearance.views import crop_of_face, rendered_views, view_rotations
 from mien.arrays import Array, Float32
 from mien.candide.model import Candide
-from mien.config import DescriptorSettings, PaperSettings
+from mien.config import DescriptorSettings, PaperSettings, given_or_default
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
@@ -52,7 +52,7 @@ class PaperTracker:
 
     def __init__(self, settings: PaperSettings | None = None, model: Candide | None = None) -> None:
         """model: the face model, the package's own unless given; see `fit_first_frame`."""
-        self.settings = settings or PaperSettings()
+        self.settings = given_or_default(settings, PaperSettings)
         self.model = model
         self.size: tuple[int, int] | None = None
 

@@ -15,7 +15,7 @@ from mien.appearance.crop import is_blank
 from mien.appearance.quality import FINEST, sharpness
 from mien.arrays import Array
 from mien.candide.model import Candide, lid_closing, with_eyes_closed
-from mien.config import RealtimeSettings
+from mien.config import RealtimeSettings, given_or_default
 from mien.errors import require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -75,7 +75,7 @@ class RealtimeTracker:
     ) -> None:
         """model: the face model, by default CANDIDE-3; see `fit_first_frame`. before: what an earlier pass over the
         same frames has learned, see `again`."""
-        self.settings = settings or RealtimeSettings()
+        self.settings = given_or_default(settings, RealtimeSettings)
         self.model = model
         self.before = before
         self.size: tuple[int, int] | None = None
