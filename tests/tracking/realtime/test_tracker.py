@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -476,6 +477,16 @@ def test_a_black_frame_does_not_destroy_the_track() -> None:
     assert estimates[20].rotation is None
     assert estimates[21].status is Status.RECOVERED
     assert np.nanmax(errors_deg(estimates, sequence())[21:]) < 4
+
+
+def test_a_tracker_can_be_stored_and_go_on_elsewhere() -> None:
+    frames = small_motion().frames
+    tracker = begun(frames[0])
+    tracker.track(frames[1])
+    copy = pickle.loads(pickle.dumps(tracker))
+    here, there = tracker.track(frames[2]), copy.track(frames[2])
+    np.testing.assert_array_equal(here.rotation, there.rotation)
+    np.testing.assert_array_equal(here.covariance, there.covariance)
 
 
 def test_the_same_frames_give_the_same_numbers(estimates: list[Estimate]) -> None:

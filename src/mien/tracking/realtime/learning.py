@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -225,13 +226,18 @@ def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, per_angle: in
     front, lit = _render_views(renderer, tilts, pans, posed, s, lights)
     changes = _render_changes(renderer, front, posed, lit)
 
-    def learn_turned() -> Level:
-        pans_aside = np.concatenate([-further[::-1], further])
-        aside, _ = _render_views(renderer, tilts, pans_aside, renderer.posed(_rotations(tilts, pans_aside)), s)
-        return _regress(renderer, front.beside(aside), changes, s)
-
     level = _regress(renderer, front, changes, s)
-    return replace(level, learn_turned=learn_turned)
+    return replace(level, learn_turned=partial(_learn_turned, renderer, front, further, changes, s))
+
+
+def _learn_turned(
+    renderer: _ViewRenderer, front: _Views, further: Array, changes: _Changes, s: RealtimeSettings
+) -> Level:
+    """The level for a face that has turned aside: of the views at some tilts and pans, and of those at `further`
+    pans, radians, to either side."""
+    pans = np.concatenate([-further[::-1], further])
+    aside, _ = _render_views(renderer, front.tilts, pans, renderer.posed(_rotations(front.tilts, pans)), s)
+    return _regress(renderer, front.beside(aside), changes, s)
 
 
 def _render_views(
