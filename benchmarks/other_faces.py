@@ -5,24 +5,27 @@ them as another data set: the settings were chosen on three heads, these are oth
 face, and PATH that of the rendered sequences; then `mien evaluate rendered OUT --trackers realtime,mediapipe -o
 results`. The face is the detector's mesh, its depth made up to 12 per cent deeper or flatter and given six smooth bumps
 or hollows, drawn at twice the size before a mottled background, with noise of two grey values. It shows no expression,
-and the sides of the head end at the ears.
+and the sides of the head end at the ears. In `light` a lamp swings from side to side, and the whole becomes brighter
+and darker; in `occluded` something of the colour of the skin passes before the face for 30 frames.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from shared.command_line import carry_out, parser_of
 from shared.filming import Studio, taken, write_film
 from shared.inputs import truth_of, videos_of
 
-from mien.appearance.rendering import Texture, render
+from mien.appearance.rendering import Texture, render, vertex_normals
 from mien.appearance.surface import face_surface
-from mien.arrays import Array, Pixels
+from mien.arrays import Array, Float32, Pixels
 from mien.errors import MienError
 from mien.evaluation.datasets.rendered import CAMERA
 from mien.geometry.camera import Camera
@@ -31,13 +34,24 @@ from mien.initialization.detector import detect
 from mien.initialization.fit import fit_first_frame
 from mien.video import open_video
 
-MOTIONS = ("a_uniform1", "c_uniform2", "e_uniform3", "c_light1", "a_wide1", "e_wide1")
-"""Of `c_light1` only the motion is taken, as `uniform4`."""
-NAMES = ("uniform1", "uniform2", "uniform3", "uniform4", "wide1", "wide2")
+MOTIONS = {
+    "uniform1": "a_uniform1", "uniform2": "c_uniform2", "uniform3": "e_uniform3", "uniform4": "c_light1",
+    "wide1": "a_wide1", "wide2": "e_wide1", "light1": "a_light1", "light2": "e_light1",
+    "occluded1": "a_occluded1", "occluded2": "c_occluded1", "occluded3": "e_occluded1",
+}  # fmt: skip
+"""Of which rendered sequence each has the motion, and nothing else."""
+POINTS, SKIN = 468, [4, 50, 280]
+"""Of the detector's mesh: how many, and which are the tip of the nose and the cheeks."""
 SUPERSAMPLING = 2
 DISTANCE = 5.7
 """CANDIDE units from the camera in the first frame."""
 RELIEF_SHARE, BUMPS, BUMP_SD, BUMP_WIDTH = 0.12, 6, 0.05, 0.3
+AMBIENT, LAMP, SWING_DEG, SWING_FRAMES = 0.8, 0.35, 60.0, 80
+"""Light from everywhere, and of a lamp where it shines straight on the face; how far to each side it swings, and in how
+many frames to and fro."""
+BRIGHTER, BRIGHTER_FRAMES = 0.2, 47
+PASSES, FRAMES = 30, (55, 110)
+"""For how many frames something is before the face, and between which frames it comes."""
 
 
 @dataclass(frozen=True)
@@ -70,21 +84,65 @@ def head_of(video: Path, rng: np.random.Generator) -> Head | None:
     return Head(X, surface.triangles, texture)
 
 
-def pictures(head: Head, R: Array, t: Array, rng: np.random.Generator) -> Iterator[Pixels]:
-    """The head in the poses R (n, 3, 3), t (n, 3) of the camera of the rendered sequences."""
+def pictures(head: Head, kind: str, R: Array, t: Array, rng: np.random.Generator) -> Iterator[Pixels]:
+    """The head in the poses R (n, 3, 3), t (n, 3) of the camera of the rendered sequences, as a kind of these."""
     studio = Studio.build(SUPERSAMPLING, rng)
     height, width = studio.background.shape[:2]
-    for R_frame, t_frame in zip(R, t, strict=True):
+    normals, occluder, phase = vertex_normals(head.vertices, head.triangles), None, 0.0
+    if kind == "light":
+        phase = rng.uniform(0, math.tau)
+    for k, (R_frame, t_frame) in enumerate(zip(R, t, strict=True)):
         posed = head.vertices @ R_frame.T + t_frame
-        drawn = render(posed, head.triangles, head.texture, studio.camera, width, height, studio.background)
-        yield taken(drawn.image, rng)
+        light = light_of_frame(normals @ R_frame.T, k, phase) if kind == "light" else None
+        drawn = render(posed, head.triangles, head.texture, studio.camera, width, height, studio.background, light)
+        if kind == "occluded":
+            occluder = occluder or Occluder.before(studio.camera.project(posed[:POINTS])[0], drawn.image, rng)
+            occluder.paint(drawn.lit, k)
+        yield taken(drawn.lit, rng)
+
+
+def light_of_frame(normals: Array, k: int, phase: float) -> Array:
+    """The brightness (V,) of vertices with normals (V, 3), camera axes, in frame k."""
+    angle = math.radians(SWING_DEG) * math.sin(math.tau * k / SWING_FRAMES + phase)
+    shone_on = np.maximum(normals @ [math.sin(angle), -0.3, -math.cos(angle)], 0)
+    brightness = 1 + BRIGHTER * math.sin(math.tau * k / BRIGHTER_FRAMES + phase)
+    return np.asarray(brightness * (AMBIENT + LAMP * shone_on))
+
+
+@dataclass(frozen=True)
+class Occluder:
+    """An ellipse that passes before the face: its first frame; the middle of its way and the whole way (2,), its half
+    axes in pixels, its angle in degrees, and its colour."""
+
+    begin: int
+    middle: Array
+    way: Array
+    axes: tuple[int, int]
+    angle: float
+    colour: Array
+
+    @classmethod
+    def before(cls, points: Array, image: Float32, rng: np.random.Generator) -> Occluder:
+        """One that is made for a face with the points (468, 2) of the detector's mesh in an image."""
+        width = float(np.ptp(points[:, 0]))
+        u, v = points[SKIN].astype(int).T
+        across, down = (int(width * rng.uniform(*between)) for between in ((0.22, 0.3), (0.33, 0.42)))
+        middle = points.mean(axis=0) + np.array([0, rng.normal(0, 0.12) * width])
+        way = np.array([2.2 * width * rng.choice([-1, 1]), 0])
+        return cls(int(rng.integers(*FRAMES)), middle, way, (across, down), rng.uniform(-35, 35), image[v, u].mean(0))
+
+    def paint(self, image: Float32, k: int) -> None:
+        """Paint it before what is in frame k."""
+        if self.begin <= k < self.begin + PASSES:
+            x, y = self.middle + ((k - self.begin) / (PASSES - 1) - 0.5) * self.way
+            cv2.ellipse(image, (int(x), int(y)), self.axes, self.angle, 0, 360, self.colour.tolist(), -1, cv2.LINE_AA)
 
 
 def main() -> None:
     parser = parser_of(__doc__, "recordings", "path", "out")
     arguments = parser.parse_args()
     videos = videos_of(arguments.recordings)
-    motions = {name: truth_of(arguments.path, motion) for name, motion in zip(NAMES, MOTIONS, strict=True)}
+    motions = {name: truth_of(arguments.path, motion) for name, motion in MOTIONS.items()}
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed, video in enumerate(videos):
         rng = np.random.default_rng(seed)
@@ -95,7 +153,7 @@ def main() -> None:
         for name, truth in motions.items():
             R, t = truth["R"], DISTANCE * truth["t"] / truth["t"][0, 2]
             output = arguments.out / f"{video.stem.replace('_', '-')}_{name}"
-            write_film(Path(f"{output}.avi"), pictures(head, FACING @ R, t, rng))
+            write_film(Path(f"{output}.avi"), pictures(head, name.rstrip("0123456789"), FACING @ R, t, rng))
             np.savez(f"{output}_truth.npz", R=R, t=t, focal=CAMERA.focal_px)
 
 
