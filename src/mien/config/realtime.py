@@ -20,7 +20,7 @@ class ViewSettings(Settings):
     per_angle: int = Field(10, ge=5, le=50, description="number of rendered tilts, and of rendered pans")
     coarse_per_angle: int = Field(7, ge=5, le=50, description="the same for the coarse level")
     crowding: float = Field(1.4, gt=0, description="spacing exponent: 1 is even, more is denser near frontal")
-    light_contrast: float = Field(0.45, ge=0, description="side light in the rendered views: logarithm of its gain")
+    light_contrast: float = Field(0.6, ge=0, description="side light in the rendered views: logarithm of its gain")
     eye_share: float = Field(0.2, ge=0, description="weight of moved eyes in the covariance, relative to all views")
     sidelong_weight: float = Field(0.03, gt=0, le=1, description="weight of a view that sees a landmark edge-on")
 
