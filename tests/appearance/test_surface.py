@@ -128,7 +128,7 @@ def test_depths_are_those_that_scipy_interpolates() -> None:
 def test_where_a_surface_covers_itself_the_nearer_part_counts() -> None:
     corners = np.array([[0.0, 0], [1, 0], [0, 1]])
     depths = np.array([3.0, 3, 3, 2, 2, 2])
-    triangles = np.array([[3, 4, 5], [0, 1, 2]])
+    triangles = np.array([[3, 4, 5], [0, 1, 2], [0, 0, 1]])  # the last one has no area
     assert _nearest(np.vstack([corners, corners]), triangles, depths, np.array([[0.2, 0.2], [0, 0]])).tolist() == [2, 2]
 
 

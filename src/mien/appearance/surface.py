@@ -81,7 +81,10 @@ def _nearest(known: Any, triangles: Any, depths: Any, at: Any) -> Any:
     for k in range(triangles.shape[0]):
         a, b, c = triangles[k, 0], triangles[k, 1], triangles[k, 2]
         ax, ay, bx, by, cx, cy = known[a, 0], known[a, 1], known[b, 0], known[b, 1], known[c, 0], known[c, 1]
-        inverse = 1.0 / ((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))  # without an area nothing is inside
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if area == 0.0:
+            continue
+        inverse = 1.0 / area
         for i in range(at.shape[0]):
             x, y = at[i, 0], at[i, 1]
             wa = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
