@@ -36,13 +36,16 @@ def opened_csv(path: Path) -> Iterator[TextIO]:
 
 
 def csv_rows(path: Path) -> Iterator[dict[str, str]]:
-    """The rows of a CSV, keyed by column name, without the space that OpenFace puts before most names and values.
+    """The rows of a CSV, keyed by column name, without the space that OpenFace puts before most names and values, and
+    without the rows of separators that spreadsheets leave; where frames have no numbers, such a row is that of a frame.
 
     Raises the same errors as `opened_csv`.
     """
     with opened_csv(path) as file:
-        for row in csv.DictReader(file, skipinitialspace=True):
-            yield {name.strip(): (cell or "").strip() for name, cell in row.items() if isinstance(name, str)}
+        for cells in csv.DictReader(file, skipinitialspace=True):
+            row = {name.strip(): (cell or "").strip() for name, cell in cells.items() if isinstance(name, str)}
+            if "frame" not in row or any(row.values()):
+                yield row
 
 
 def number_in(cell: str) -> float:

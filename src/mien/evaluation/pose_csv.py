@@ -167,8 +167,7 @@ def _rate_and_first(frame: Array, time: Array) -> tuple[float | None, int | None
 def _rows(path: Path) -> list[dict[str, str]]:
     require(path.is_file(), f"{path}: no such file; check the name")
     try:
-        # Spreadsheets leave rows of separators; without numbers of frames such a row is that of a frame.
-        rows = [row for row in csv_rows(path) if "frame" not in row or any(row.values())]
+        rows = list(csv_rows(path))
     except (UnicodeDecodeError, csv.Error) as e:
         raise MienError(f"{path} is not a readable CSV ({e}); save it again, as UTF-8") from e
     require(bool(rows), f"{path} has no rows; it needs one for every frame")
