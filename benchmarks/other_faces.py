@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from shared.command_line import carry_out, parser_of
-from shared.filming import Studio, taken, write_film
+from shared.filming import SWING_FRAMES, Studio, lamp_at, taken, write_film
 from shared.inputs import truth_of, videos_of
 
 from mien.appearance.rendering import Texture, render, vertex_normals
@@ -46,9 +46,8 @@ SUPERSAMPLING = 2
 DISTANCE = 5.7
 """CANDIDE units from the camera in the first frame."""
 RELIEF_SHARE, BUMPS, BUMP_SD, BUMP_WIDTH = 0.12, 6, 0.05, 0.3
-AMBIENT, LAMP, SWING_DEG, SWING_FRAMES = 0.8, 0.35, 60.0, 80
-"""Light from everywhere, and of a lamp where it shines straight on the face; how far to each side it swings, and in how
-many frames to and fro."""
+AMBIENT, DIRECT = 0.8, 0.35
+"""Light from everywhere, and what the lamp adds to it where it shines straight on the face."""
 BRIGHTER, BRIGHTER_FRAMES = 0.2, 47
 PASSES, FRAMES = 30, (55, 110)
 """For how many frames something is before the face, and between which frames it comes."""
@@ -88,12 +87,11 @@ def pictures(head: Head, kind: str, R: Array, t: Array, rng: np.random.Generator
     """The head in the poses R (n, 3, 3), t (n, 3) of the camera of the rendered sequences, as a kind of these."""
     studio = Studio.build(SUPERSAMPLING, rng)
     height, width = studio.background.shape[:2]
-    normals, occluder, phase = vertex_normals(head.vertices, head.triangles), None, 0.0
-    if kind == "light":
-        phase = rng.uniform(0, math.tau)
+    normals, occluder = vertex_normals(head.vertices, head.triangles), None
+    begin = rng.uniform(0, SWING_FRAMES) if kind == "light" else 0.0
     for k, (R_frame, t_frame) in enumerate(zip(R, t, strict=True)):
         posed = head.vertices @ R_frame.T + t_frame
-        light = light_of_frame(normals @ R_frame.T, k, phase) if kind == "light" else None
+        light = brightness(normals @ R_frame.T, begin + k) if kind == "light" else None
         drawn = render(posed, head.triangles, head.texture, studio.camera, width, height, studio.background, light)
         if kind == "occluded":
             occluder = occluder or Occluder.before(studio.camera.project(posed[:POINTS])[0], drawn.image, rng)
@@ -101,12 +99,10 @@ def pictures(head: Head, kind: str, R: Array, t: Array, rng: np.random.Generator
         yield taken(drawn.lit, rng)
 
 
-def light_of_frame(normals: Array, k: int, phase: float) -> Array:
-    """The brightness (V,) of vertices with normals (V, 3), camera axes, in frame k."""
-    angle = math.radians(SWING_DEG) * math.sin(math.tau * k / SWING_FRAMES + phase)
-    shone_on = np.maximum(normals @ [math.sin(angle), -0.3, -math.cos(angle)], 0)
-    brightness = 1 + BRIGHTER * math.sin(math.tau * k / BRIGHTER_FRAMES + phase)
-    return np.asarray(brightness * (AMBIENT + LAMP * shone_on))
+def brightness(normals: Array, frame: float) -> Array:
+    """Of vertices with normals (V, 3), camera axes, (V,)."""
+    whole = 1 + BRIGHTER * math.sin(math.tau * frame / BRIGHTER_FRAMES)
+    return np.asarray(whole * (AMBIENT + DIRECT * np.maximum(normals @ lamp_at(frame), 0)))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,10 @@ from mien.geometry.camera import Camera
 
 SIZE = (320, 240)
 NOISE_SD = 2.0
+LAMP = (0.35, -0.45, -0.8)
+"""Towards the lamp, in camera axes."""
+SWING_DEG, SWING_FRAMES = 60.0, 100
+"""How far it swings to either side in sequences of `light`, and how many frames it takes there and back."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,14 @@ class Studio:
         size = (times * SIZE[0], times * SIZE[1])
         camera = Camera(times * CAMERA.focal_px, cx, cy)
         return cls(camera, np.asarray(cv2.resize(mottled, size, interpolation=cv2.INTER_CUBIC), np.float32))
+
+
+def lamp_at(frame: float) -> Array:
+    """Unit vector (3,) towards the lamp, swung about the vertical."""
+    angle = np.radians(SWING_DEG) * np.sin(2 * np.pi * frame / SWING_FRAMES)
+    x, y, z = LAMP
+    lamp = np.array([x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle)])
+    return np.asarray(lamp / np.linalg.norm(lamp))
 
 
 def taken(large: Float32, rng: np.random.Generator) -> Pixels:

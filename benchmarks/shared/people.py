@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from shared.filming import Studio, taken, triangulated, write_film
+from shared.filming import Studio, lamp_at, taken, triangulated, write_film
 from shared.inputs import truth_of
 from shared.makehuman import MakeHuman, draw
 
@@ -18,10 +18,6 @@ from mien.geometry.rotation import FACING, matrix_from_euler
 SUPERSAMPLING = 3
 CENTIMETRES = 10.0
 """Of one of MakeHuman's units."""
-LAMP = (0.35, -0.45, -0.8)
-"""Towards the lamp, in camera axes."""
-SWING_DEG, SWING_FRAMES = 60.0, 100
-"""How far it swings to either side in sequences of `light`, and how many frames it takes there and back."""
 FROM_EYES = (0.0, -0.25, -0.75)
 """From the middle of the eyes to the origin of the head's axes, between the ears, in MakeHuman's units."""
 LENS_TINT = 0.15
@@ -145,14 +141,6 @@ def upright(profile: Array, rendered: Array) -> Array:
     """Rotation (3, 3) about x that brings one profile (k, 2), y and z, nearest to another, whatever their sizes."""
     p, q = ((side - side.mean(axis=0)) @ [1, 1j] for side in (profile, rendered))
     return matrix_from_euler(np.array([np.angle((q * p.conj()).sum()), 0.0, 0.0]))
-
-
-def lamp_at(frame: int) -> Array:
-    """Unit vector (3,) towards the lamp, swung about the vertical."""
-    angle = np.radians(SWING_DEG) * np.sin(2 * np.pi * frame / SWING_FRAMES)
-    x, y, z = LAMP
-    lamp = np.array([x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle)])
-    return np.asarray(lamp / np.linalg.norm(lamp))
 
 
 def pictures(person: Person, truth: dict[str, Array], swinging: bool, rng: np.random.Generator) -> Iterator[Pixels]:
