@@ -118,6 +118,16 @@ def test_frames_that_are_not_counted_once_each_are_refused(
         OpenFaceTracker(str(tmp_path / "own.csv"))
 
 
+def test_a_misspelt_column_of_the_pose_is_not_passed_over_silently(tmp_path: Path) -> None:
+    file = tmp_path / "own.csv"
+    names = [f"{axis}_{i}" for axis in "xy" for i in range(68)]
+    file.write_text(",".join(["frame,pose_Rx,pose_ry,pose_Rz", *names]) + "\n1,0,0,0" + ",5" * 2 * 68 + "\n")
+    with pytest.warns(MienWarning, match="only its landmarks are read, and no pose, as it lacks the column pose_Ry"):
+        (first,) = _track(file, 1)
+    assert first.rotation is None
+    assert first.landmarks is not None
+
+
 def test_landmarks_of_an_unknown_scheme_are_not_passed_over_silently(tmp_path: Path) -> None:
     file, count = tmp_path / "own.csv", 478
     names = [f"{axis}_{i}" for axis in "xy" for i in range(count)]

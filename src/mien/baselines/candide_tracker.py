@@ -21,7 +21,16 @@ from mien.initialization.landmarks import LANDMARK_NAMES, VERTICES, Landmarks
 from mien.tracking.likelihood import LandmarkModel
 from mien.tracking.paper import CROP_SIZE_UNITS, in_view
 from mien.tracking.prior import state_sd
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_first, require_next_of, unpack
+from mien.tracking.state import (
+    Estimate,
+    Status,
+    TrackedLandmarks,
+    pack,
+    require_begun,
+    require_first,
+    require_next_of,
+    unpack,
+)
 
 PIXELS_PER_UNIT = 64.0
 """Size of a CANDIDE unit in the trackers' crops, in pixels."""
@@ -108,7 +117,9 @@ class CandideTracker(ABC):
         return self._estimate(frame, status)
 
     def mesh(self, estimate: Estimate) -> Array | None:
-        """Vertices (113, 3) in camera axes for an estimate of this tracker, None if the face is lost."""
+        """Vertices (113, 3) in camera axes for an estimate of this tracker, None if the face is lost. Raises
+        MienError before `initialize`."""
+        require_begun(self.size)
         return self.fit.mesh(estimate.rotation, estimate.translation, estimate.animation)
 
     @abstractmethod

@@ -21,7 +21,16 @@ from mien.tracking.likelihood import AppearanceLikelihood, LandmarkModel
 from mien.tracking.optimizers import Simplex
 from mien.tracking.posterior import Posterior
 from mien.tracking.prior import GaussianPrior, state_sd
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, pack, require_first, require_next_of, unpack
+from mien.tracking.state import (
+    Estimate,
+    Status,
+    TrackedLandmarks,
+    pack,
+    require_begun,
+    require_first,
+    require_next_of,
+    unpack,
+)
 
 CROP_SIZE_UNITS = 2.4
 """Side of the crop in CANDIDE units: the landmarks, their patches, and room for them to move."""
@@ -93,7 +102,9 @@ class PaperTracker:
         return self._estimate(frame, status)
 
     def mesh(self, estimate: Estimate) -> Array | None:
-        """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost."""
+        """Vertices (113, 3) in camera axes of an estimate of this tracker, None where it is lost. Raises MienError
+        before `initialize`."""
+        require_begun(self.size)
         return self.fit.mesh(estimate.rotation, estimate.translation, estimate.animation)
 
     def _likelihood(self, frame: Frame) -> AppearanceLikelihood:

@@ -29,7 +29,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, rows_reported
 from mien.synthetic import SyntheticSequence, make_sequence, moved
-from mien.tracking.abilities import RepeatableTracker
+from mien.tracking.abilities import FittedTracker, RepeatableTracker
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker, kernels, learning, person
 from mien.tracking.realtime.solution import Solution
@@ -94,6 +94,9 @@ def test_a_tracker_that_could_not_learn_its_face_knows_none(new: Callable[[], Tr
         if isinstance(tracker, RepeatableTracker):
             with pytest.raises(MienError, match="call initialize first"):
                 tracker.again()
+        if isinstance(tracker, FittedTracker):
+            with pytest.raises(MienError, match="call initialize first"):
+                tracker.mesh(Estimate.lost(second, "nothing is known", 1.0))
 
 
 def test_spectacles_are_followed() -> None:

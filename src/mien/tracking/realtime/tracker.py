@@ -231,7 +231,9 @@ class RealtimeTracker:
 
     def mesh(self, estimate: Estimate) -> Array | None:
         """Vertices (113, 3) in camera axes of an estimate of this tracker, or of one read from its table, whose
-        rotations have the axes that are known now; None where the face is lost."""
+        rotations have the axes that are known now; None where the face is lost. Raises MienError before
+        `initialize`."""
+        require_begun(self.size)
         if estimate.rotation is None or estimate.translation is None:
             return None
         R = estimate.model_rotation
