@@ -255,7 +255,7 @@ class AxesSettings(Settings):
     """How the head's axes follow what is learned of the shape."""
 
     tilt_share: float = Field(
-        0.2, ge=0, le=10, description="fraction of the shape's lean that the axes follow, in tilt"
+        0.35, ge=0, le=10, description="fraction of the shape's lean that the axes follow, in tilt"
     )
     pan_share: float = Field(0.45, ge=0, le=10, description="fraction of the shape's lean that the axes follow, in pan")
 
