@@ -85,9 +85,9 @@ def read_pose_csv(path: Path) -> PoseTable:
     )
     if count and count not in SCHEME_OF_COUNT:
         warn(f"{path}: only its pose is read, and none of its {count} landmarks, as they are neither 68 nor 26")
-    lacking = sorted(set(ROTATION) - set(names))
     if not has_pose and any(name.lower().startswith("pose") for name in names):
-        warn(f"{path}: only its landmarks are read, and no pose, as it lacks the column {lacking[0]}")
+        lacking = min(set(ROTATION) - set(names))
+        warn(f"{path}: only its landmarks are read, and no pose, as it lacks the column {lacking}")
     tracked = np.nan_to_num(_column(path, rows, "success", 1.0)) > 0
     frame, numbered = _frame_numbers(path, rows), "frame" in names
     angles = _columns(path, rows, ROTATION) if has_pose else None
