@@ -2,8 +2,8 @@
 
 In one frame a face that leans, with the chin forward or one cheek nearer, looks like a head that is turned. As turns
 teach the depths they show which of the two it was: where the shape turns out to lean in the model's axes, the head's
-own axes mostly lean with it, by a share that is the regression of one on the other. The axes are then found again as in
-the first frame, for a person who probably looks into the camera there.
+own axes mostly lean with it, by a share that was chosen on heads whose axes are known. The axes are then found again
+as in the first frame, for a person who probably looks into the camera there.
 
 The rotation reported for the first frame stays, so that a head that comes back has the rotation with which it began. At
 the end of a file all rotations are turned alike to what is then known of the first.
