@@ -42,6 +42,31 @@ def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     assert done.stdout.strip() == "0 compiled here"
 
 
+IN_TIME = """
+from long_motion import sequence
+from mien.tracking.realtime import first_run
+from small_motion import begun
+
+first_run.compile_all()
+first, *later = sequence().frames
+tracker = begun(first)
+before = {kernel: list(kernel.signatures) for kernel, _ in first_run._KERNELS}
+for frame in later:
+    assert tracker.track(frame).status.success
+assert before[first_run.kernels.solve]
+print([kernel.__name__ for kernel, known in before.items() if kernel.signatures != known])
+"""
+
+
+def test_no_kernel_is_loaded_while_a_face_is_tracked() -> None:
+    """It would hold up a video that is tracked as it comes."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", IN_TIME]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"
+
+
 KNOWN = """
 from mien.compiled import is_cached
 from mien.tracking.realtime.first_run import POLYNOMIAL, _compile

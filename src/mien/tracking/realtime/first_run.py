@@ -15,6 +15,7 @@ import sys
 import weakref
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,8 @@ _KERNELS: tuple[Kernel, ...] = (
     (crop.is_blank, (_single(2),)),
     (patch_history._follow, (_array(1), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
+    (pose_geometry.step_back, (_POSE, _array(1))),
+    (pose_geometry.step_between, (*_POSE, *_POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
@@ -156,10 +159,12 @@ def _compile_missing(ordered: Iterable[Kernel]) -> None:
             gc.enable()
 
 
+@cache
 def load_cached() -> None:
-    """Load the kernels that are cached on disk, if they are."""
-    if is_cached(kernels.solve):
-        for kernel in _KERNELS:
+    """Load the kernels that are cached on disk, once in a process. They take 3 ms each; loaded where they are first
+    called, some would hold up a video that is tracked as it comes."""
+    for kernel in _KERNELS:
+        if hasattr(kernel[0], "compile") and is_cached(kernel[0]):  # not with NUMBA_DISABLE_JIT
             _compile(kernel)
 
 
@@ -173,14 +178,14 @@ class BackgroundCompilation:
             weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
     def finish(self) -> None:
-        """Compile what the background process has not come to, and wait for it."""
-        if self.helper is None:
-            return
-        _compile_missing(reversed(_KERNELS[_KERNELS.index(SOLVE) + 1 :]))
-        with suppress(subprocess.TimeoutExpired):
-            self.helper.wait(_PATIENCE_S)
-        _stop(self.helper)
-        self.helper = None
+        """Compile what the background process has not come to, wait for it, and load what is compiled."""
+        if self.helper is not None:
+            _compile_missing(reversed(_KERNELS[_KERNELS.index(SOLVE) + 1 :]))
+            with suppress(subprocess.TimeoutExpired):
+                self.helper.wait(_PATIENCE_S)
+            _stop(self.helper)
+            self.helper = None
+        load_cached()
 
 
 def _compile(kernel: Kernel) -> None:
