@@ -15,7 +15,6 @@ import sys
 import weakref
 from collections.abc import Iterable
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -159,12 +158,11 @@ def _compile_missing(ordered: Iterable[Kernel]) -> None:
             gc.enable()
 
 
-@cache
 def load_cached() -> None:
-    """Load the kernels that are cached on disk, once in a process. They take 3 ms each; loaded where they are first
+    """Load the kernels that are cached on disk and not loaded yet. They take 3 ms each; loaded where they are first
     called, some would hold up a video that is tracked as it comes."""
     for kernel in _KERNELS:
-        if hasattr(kernel[0], "compile") and is_cached(kernel[0]):  # not with NUMBA_DISABLE_JIT
+        if getattr(kernel[0], "signatures", None) == [] and is_cached(kernel[0]):  # none with NUMBA_DISABLE_JIT
             _compile(kernel)
 
 
@@ -178,14 +176,14 @@ class BackgroundCompilation:
             weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
     def finish(self) -> None:
-        """Compile what the background process has not come to, wait for it, and load what is compiled."""
-        if self.helper is not None:
-            _compile_missing(reversed(_KERNELS[_KERNELS.index(SOLVE) + 1 :]))
-            with suppress(subprocess.TimeoutExpired):
-                self.helper.wait(_PATIENCE_S)
-            _stop(self.helper)
-            self.helper = None
-        load_cached()
+        """Compile what the background process has not come to, and wait for it."""
+        if self.helper is None:
+            return
+        _compile_missing(reversed(_KERNELS[_KERNELS.index(SOLVE) + 1 :]))
+        with suppress(subprocess.TimeoutExpired):
+            self.helper.wait(_PATIENCE_S)
+        _stop(self.helper)
+        self.helper = None
 
 
 def _compile(kernel: Kernel) -> None:

@@ -27,7 +27,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
 from mien.tracking.realtime.definite import inverse_definite, solve_definite
-from mien.tracking.realtime.first_run import BackgroundCompilation
+from mien.tracking.realtime.first_run import BackgroundCompilation, load_cached
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
 from mien.tracking.realtime.mouth import MouthSearch
@@ -106,6 +106,7 @@ class RealtimeTracker:
         )
         self.person = Person(frame, landmarks, self.fit, camera, s, self.before)
         self.compilation.finish()
+        load_cached()
         self.face = self.person.face
         self.pose = Pose(self.fit.R, self.fit.t, self.fit.animation)
         self.prior = StatePrior(self.pose, s)
