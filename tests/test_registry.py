@@ -68,6 +68,14 @@ def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: P
             {"views": {"limit_pan_deg": 80}},
             "own.json: views.turned_limit_pan_deg: value error, must be larger than limit_pan_deg",
         ),
+        (
+            {"weights": {"expected_distance": 1}},
+            "own.json: weights.least_distance: value error, must not be larger than expected_distance",
+        ),
+        (
+            {"recovery": {"least_share": 0.9}},
+            "own.json: recovery.recovered_share: value error, must not be smaller than least_share",
+        ),
         ({"descriptor": {"kernel": "opencv"}}, "own.json: descriptor: value error, the kernel must be mien"),
         ({"weights": 3}, "own.json: weights: input should be settings keyed by name; mien.config.RealtimeSettings"),
         ({"settings": {}, "weights": {}}, "own.json: weights: stands beside `settings` .*; move it into them"),

@@ -116,3 +116,12 @@ def test_a_broken_camera_file_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text('{"focal_px": -1, "cx": 1, "cy": 1}')
     with pytest.raises(MienError, match=r"c\.json: the focal length must be positive"):
         read_camera(tmp_path / "c.json")
+
+
+def test_the_rest_of_it_ends_with_the_whole(video: Path) -> None:
+    """An error that somebody keeps would otherwise keep the file open."""
+    footage = Footage(open_video(video))
+    frames = footage.since(0.1).frames()
+    assert next(frames).time >= 0.1
+    footage.close()
+    assert list(frames) == []

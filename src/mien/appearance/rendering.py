@@ -51,7 +51,8 @@ def render(
     image[:] = background
     depth = np.full((height, width), np.inf, np.float32)
     lit, gain = (image, np.ones(len(vertices))) if light is None else (image.copy(), light)
-    _rasterize(vertices, camera.vector, triangles, texture.image, texture.uv, gain, image, lit, depth)
+    # A copy: for those of the face model, which are read-only, the kernel would be compiled once more.
+    _rasterize(vertices, camera.vector, triangles.copy(), texture.image, texture.uv, gain, image, lit, depth)
     return Rendering(image, lit, depth)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -97,13 +98,20 @@ class WeightSettings(Settings):
     expectation_rate: float = Field(
         0.02, ge=0, lt=1, description="per-frame rate of the expected distance's moving average"
     )
-    least_distance: float = Field(6.0, gt=0, description="lower bound of the expected distance")
+    least_distance: float = Field(6.0, gt=0, validate_default=True, description="lower bound of the expected distance")
     quality_rate: float = Field(
         0.02, ge=0, description="growth of the expected distance per frame, by how much worse a face looks than usual"
     )
     quality_turn_deg: float = Field(
         8.0, ge=0, description="turn from the first frame below which expected distances may grow"
     )
+
+    @field_validator("least_distance")
+    @classmethod
+    def _is_less(cls, least: float, info: ValidationInfo) -> float:
+        if least > info.data.get("expected_distance", math.inf):
+            raise ValueError("must not be larger than expected_distance")
+        return least
 
 
 class MisplacementSettings(Settings):
@@ -225,11 +233,18 @@ class RecoverySettings(Settings):
         0.25, ge=0, le=1, description="fraction of matching landmarks below which the face is lost"
     )
     recovered_share: float = Field(
-        0.6, ge=0, le=1, description="fraction of matching landmarks that a proposed pose needs"
+        0.6, ge=0, le=1, validate_default=True, description="fraction of matching landmarks that a proposed pose needs"
     )
     interval: int = Field(5, ge=1, description="frames between searches while the face is lost")
     patience: int = Field(30, ge=0, description="lost frames after which only one search in three is thorough")
     doubt_interval: int = Field(15, ge=1, description="frames between searches while the face is in doubt")
+
+    @field_validator("recovered_share")
+    @classmethod
+    def _is_no_less(cls, share: float, info: ValidationInfo) -> float:
+        if share < info.data.get("least_share", 0.0):
+            raise ValueError("must not be smaller than least_share")
+        return share
 
 
 class ShapeSettings(Settings):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -68,16 +69,17 @@ def track_faces(
     for face_id in range(1, faces):
         files.of_face(face_id).check(inputs)
     require(footage.repeatable, f"{name} can be read only once; several faces need a file or a list of frames")
-    detections = list(detections_in(footage))
-    require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
-    together = min(faces, max(map(len, detections)))
-    run = _Run(footage, preset, passes, at_once, files, faces, together, progress)
-    found = run.track_all(appearances_in(detections))
-    require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
-    found = [replace(face, track=without_other_faces(face, found)) for face in found]
-    if files.overlay is not None:
-        _draw(files.overlay, footage.frames(), found, run.reporter(len(found)))
-    return _write(found, faces, files)
+    with closing(footage):
+        detections = list(detections_in(footage))
+        require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
+        together = min(faces, max(map(len, detections)))
+        run = _Run(footage, preset, passes, at_once, files, faces, together, progress)
+        found = run.track_all(appearances_in(detections))
+        require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
+        found = [replace(face, track=without_other_faces(face, found)) for face in found]
+        if files.overlay is not None:
+            _draw(files.overlay, footage.frames(), found, run.reporter(len(found)))
+        return _write(found, faces, files)
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ def _prepare(seen: Sighting, footage: Footage, at_once: bool) -> Start | None:
     find it."""
     x, y = seen.centre.tolist()
     try:
-        begin = prepare(replace(footage, start=seen.time), at_once=at_once, face=(x, y))
+        begin = prepare(footage.since(seen.time), at_once=at_once, face=(x, y))
     except MienError as error:
         warn(f"{error}; it is skipped")
         return None

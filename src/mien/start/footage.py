@@ -53,6 +53,12 @@ class Footage:
         for frames in self._read:
             frames.close()
 
+    def since(self, start: float) -> Footage:
+        """The rest of it, from a time in seconds on; its reading ends with that of the whole."""
+        rest = replace(self, start=start)
+        vars(rest)["_read"] = self._read
+        return rest
+
     @property
     def frame_count(self) -> int | None:
         """Expected number of frames, None if unknown."""

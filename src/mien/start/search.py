@@ -147,7 +147,7 @@ def best_look(
     first one to that, and what stands still before the face. After a cut, the same place may show another face."""
     from mien.initialization.detector import follow
 
-    uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(replace(footage, start=first.time)))
+    uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(footage.since(first.time)))
     later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
     looks, details, facing = [landmarks], [detail(first, landmarks)], turned_deg(fit.R, fit.t) <= TURNED_DEG

@@ -43,16 +43,21 @@ def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
 
 
 IN_TIME = """
+import numpy as np
 from long_motion import sequence
+from mien.frame import Frame
 from mien.tracking.realtime import first_run
 from small_motion import begun
 
 first_run.compile_all()
 first, *later = sequence().frames
 tracker = begun(first)
-before = {kernel: list(kernel.signatures) for kernel, _ in first_run._KERNELS}
+before = {kernel: list(kernel.signatures) for kernel, _ in first_run._LEARNING + first_run._KERNELS}
 for frame in later:
     assert tracker.track(frame).status.success
+blank = Frame(np.zeros_like(first.pixels), len(later) + 1)
+assert not tracker.track(blank).status.success
+assert tracker.track(later[-1]).status.success
 assert before[first_run.kernels.solve]
 print([kernel.__name__ for kernel, known in before.items() if kernel.signatures != known])
 """

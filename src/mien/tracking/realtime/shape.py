@@ -75,7 +75,8 @@ class ShapePosterior:
         """Add information that was linearised at `neutral`, of the novelty that `novelty` gave; returns whether there
         is a new mean, which is found once enough has been added."""
         self.information += Lambda
-        self.right_sides[:, 0] += Lambda @ (neutral - self.start).ravel() - gradient
+        moved = np.einsum("ij,j->i", Lambda, (neutral - self.start).ravel())  # `@` would wake threads of BLAS
+        self.right_sides[:, 0] += moved - gradient
         self.added += novelty
         if self.added < _ENOUGH:
             return False
