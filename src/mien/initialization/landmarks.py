@@ -157,7 +157,8 @@ class Landmarks:
     points: (n, 2) pixels; scheme: one of `SCHEMES`; depths: (n,) relative depth in pixels, increasing away from the
     camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages;
     disagreement: how far detections in several copies of the frame are apart, as the median difference of coordinates
-    over the face's size, if they were averaged over such; graphics: what stands still before the face in the video.
+    over the face's size, if they were averaged over such; graphics: what stands still before the face in the video;
+    marked: where somebody has marked landmarks, (2,) by name, if the points are a detector's.
     """
 
     points: Array
@@ -168,6 +169,7 @@ class Landmarks:
     source: str = "landmarks"
     disagreement: float | None = None
     graphics: Graphics | None = None
+    marked: Mapping[str, Array] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frame_index", int(self.frame_index))  # as a file takes them
@@ -199,6 +201,11 @@ class Landmarks:
         vertices, rows = rows_of_scheme(self.scheme)
         depths = None if self.depths is None else self.depths[rows].mean(axis=1)
         return vertices, self.points[rows].mean(axis=1), depths
+
+    def reported(self) -> dict[str, Array]:
+        """Where landmarks are reported, (2,) by name, those of the 26 that are known."""
+        rows = rows_reported(self.scheme)
+        return {name: self.points[pair].mean(axis=0) for name, pair in rows.items()} | dict(self.marked or {})
 
     @property
     def point_names(self) -> list[str]:
@@ -274,6 +281,7 @@ class Landmarks:
             "points": np.round(self.points, 3).tolist(),
             "depths": None if self.depths is None else np.round(self.depths, 3).tolist(),
             "graphics": None if self.graphics is None else self.graphics.to_dict(),
+            "marked": self.marked and {name: np.round(point, 3).tolist() for name, point in self.marked.items()},
         }
 
 

@@ -81,7 +81,7 @@ def track(
     check_mesh(files, tracker, preset)
     report = reporter(progress, footage, passes)
     with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
-        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
+        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage)).completed()
         files.warn_if_stale(1)
         for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
             write_in_any_case(files, result)

@@ -16,6 +16,7 @@ from mien.geometry.camera import Camera
 from mien.initialization.fit import fit_first_frame
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point, is_same_place, place_of
+from mien.initialization.marked import completed
 from mien.initialization.straight import straightened
 from mien.start.footage import Footage
 from mien.start.search import BACK_SECONDS, Patience, best_look, find_face
@@ -68,6 +69,10 @@ class Start:
             sightings=tuple(sightings),
             instead=replace(self, frames=self.footage.frames()),
         )
+
+    def completed(self) -> Start:
+        """The start with landmarks that were marked by hand completed by a detector, see `marked.completed`."""
+        return replace(self, landmarks=_rounded_as_saved(completed(self.first, self.landmarks, self.camera)))
 
     def has_strayed(self, estimates: Mapping[int, Estimate]) -> bool:
         """Whether the face that was tracked back, with its estimates by index, is another one than was seen first:
@@ -242,6 +247,7 @@ def _rounded_as_saved(landmarks: Landmarks) -> Landmarks:
         landmarks,
         points=np.array(saved["points"]),
         depths=None if depths is None else np.array(depths),
+        marked=saved["marked"] and {name: np.array(point) for name, point in saved["marked"].items()},
     )
 
 

@@ -21,7 +21,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.graphics import Graphics
 from mien.initialization.fit import fit_first_frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, rows_reported
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.threads import one_blas_thread
 from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
@@ -163,9 +163,8 @@ class RealtimeTracker:
         the first frame; zero for those that were not given."""
         X = self.person.in_camera(self.pose)[: len(LANDMARK_NAMES)]
         offsets = np.zeros_like(X)
-        rows = rows_reported(landmarks.scheme)
-        known = [LANDMARK_NAMES.index(name) for name in rows]
-        points = landmarks.points[list(rows.values())].mean(axis=1)
+        reported = landmarks.reported()
+        known, points = [LANDMARK_NAMES.index(name) for name in reported], np.array(list(reported.values()))
         offsets[known, :2] = (points - self.camera.project(X[known])[0]) * X[known, 2:] / self.camera.focal_px
         return np.asarray(offsets @ self.pose.R)
 
