@@ -104,8 +104,8 @@ class Frame:
         """The luminance of a region with what is before the face."""
         if self._luma is None:
             return np.asarray(cv2.cvtColor(self.pixels[rows, columns], cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-        # Writable, as for read-only pixels the kernels would be compiled once more.
-        return np.require(self._luma[rows, columns], requirements=["C", "W"])
+        gray = np.ascontiguousarray(self._luma[rows, columns])
+        return gray if gray.flags.writeable else gray.copy()  # for others the kernels would be compiled once more
 
     @cached_property
     def _painted(self) -> Pixels:

@@ -11,8 +11,10 @@ from mien.tracking.realtime.covariance import _EVERY, LearnedCovariance, follow
 
 N, D, RANK, FLOOR = 3, 128, 5, 1e-3
 ALL = np.ones(N, dtype=bool)
-SETTINGS = CovarianceSettings(rank=RANK, floor=FLOOR, learned=2, rate=0.05)
-HALF = np.full(N, 0.5)
+USUAL = 6.0
+SETTINGS = CovarianceSettings(rank=RANK, floor=FLOOR, learned=2, rate=0.05, share=1.0, usual_distance=USUAL)
+HALF = np.full(N, 2 * USUAL)
+"""Expected squared distances by which a half of the variance is added."""
 
 
 def _appearance(rng: np.random.Generator) -> PoseRegression:
@@ -37,12 +39,12 @@ def _swings(rng: np.random.Generator, frames: int) -> Array:
 
 
 def _after(
-    residuals: Array, trusted: Array = ALL, share: Array = HALF, worth: float = 1.0
+    residuals: Array, trusted: Array = ALL, expected: Array = HALF, worth: float = 1.0, covered: bool = False
 ) -> tuple[PoseRegression, LearnedCovariance]:
     appearance = _appearance(np.random.default_rng(0))
     covariance = LearnedCovariance(appearance, SETTINGS)
     for residual in residuals.astype(np.float32):
-        covariance.learn(residual, trusted, share, worth)
+        covariance.learn(residual, trusted, expected, covered, worth)
     return appearance, covariance
 
 
@@ -55,10 +57,10 @@ def test_at_first_the_covariance_is_that_of_the_views() -> None:
 
 def test_the_metric_is_the_inverse_of_the_sum() -> None:
     """Of the covariance of the views and the directions, with the share of their variance that is asked for."""
-    share = np.array([0.0, 0.5, 1.0])
-    appearance, covariance = _after(_swings(np.random.default_rng(1), 200), share=share)
+    share, strange = np.array([0.0, 0.5, 1.0]), USUAL * np.array([0.5, 2.0, 1e12])
+    appearance, covariance = _after(_swings(np.random.default_rng(1), 200), expected=strange)
     for _ in range(_EVERY):  # every metric once more, with nothing new
-        covariance.learn(np.zeros((N, D), np.float32), ~ALL, share, 1.0)
+        covariance.learn(np.zeros((N, D), np.float32), ~ALL, strange, False, 1.0)
     for i in range(N):
         v = covariance.directions[i].astype(float)
         added = share[i] * sum(np.outer(x, x) / np.linalg.norm(x) for x in v)
@@ -102,11 +104,12 @@ def test_nothing_is_learned_of_what_is_not_trusted_nor_from_a_frame_without_wort
     assert not covariance.directions[~trusted].any()
     assert not _after(swings, worth=0.0)[1].directions.any()
     without = LearnedCovariance(appearance, SETTINGS.model_copy(update={"learned": 0}))
-    without.learn(swings[0].astype(np.float32), ALL, HALF, 1.0)
+    without.learn(swings[0].astype(np.float32), ALL, HALF, False, 1.0)
     np.testing.assert_array_equal(without.U, appearance.U)
 
 
-def test_more_is_added_to_landmarks_that_look_strange_and_the_same_to_all_of_a_covered_face() -> None:
-    covariance = LearnedCovariance(_appearance(np.random.default_rng(0)), SETTINGS)
-    np.testing.assert_allclose(covariance.share(np.array([6.0, 10.0, 40.0]), covered=False), [0, 0, 0.75])
-    np.testing.assert_allclose(covariance.share(np.array([6.0, 10.0, 40.0]), covered=True), 0.5)
+def test_the_same_is_added_to_all_landmarks_of_a_covered_face() -> None:
+    swings, strange = _swings(np.random.default_rng(4), 50), np.array([0.5, 2.0, 100.0]) * USUAL
+    _, covered = _after(swings, expected=strange, covered=True)
+    _, alike = _after(swings, expected=np.full(N, USUAL / (1 - SETTINGS.covered_share)))
+    np.testing.assert_allclose(covered.U, alike.U, rtol=1e-4, atol=1e-5)

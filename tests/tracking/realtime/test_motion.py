@@ -98,10 +98,10 @@ def test_without_patches_the_prediction_stays(tracker: RealtimeTracker, next_fra
     person, prior = tracker.person.arrays, tracker.prior.arrays(tracker.prior.prediction(tracker.pose, tracker.pose))
     motion = Motion(tracker.face.patches, tracker.person.mouth, 0.6, tracker.settings.motion)
     motion.remember(view.image, person, tracker.pose.arrays, view.geometry)
-    (R, t, _), covariance = motion.measure(view.image, person, prior, view.geometry)
+    (R, t, _), information = motion.measure(view.image, person, prior, view.geometry)
     np.testing.assert_allclose(R, tracker.pose.R, atol=1e-9)
     np.testing.assert_allclose(t, tracker.pose.t, atol=1e-9)
-    np.testing.assert_allclose(covariance, np.linalg.inv(tracker.prior.information))
+    np.testing.assert_array_equal(information, 0)
 
 
 def test_derivatives_against_differences() -> None:
@@ -127,14 +127,16 @@ def test_derivatives_against_differences() -> None:
         np.testing.assert_allclose(np.einsum("nkm,k->nm", J, step / 0.01), expected, atol=0.02 * np.abs(expected).max())
 
 
-def test_drift_by_hand() -> None:
-    settings = MotionSettings(rotation_deg=0.3, translation=0.01, animation=0.02, share=0.5)
+def test_information_of_a_measured_step_by_hand() -> None:
+    settings = MotionSettings(rotation_deg=0.3, translation=0.01, animation=0.02, share=0.5, noise=4.0)
+    motion = Motion(np.zeros((2, 4, 3)), np.ones(2, bool), 0.8, settings)
     step = np.array([0.03, 0.04, 0, 0, 0, 0.2, *np.zeros(5), 0.1])
-    found = Motion(np.zeros((2, 4, 3)), np.ones(2, bool), 0.8, settings).drift(step)
-    np.testing.assert_allclose(found[:3], np.radians(0.3) ** 2 + 0.025**2)
-    np.testing.assert_allclose(found[3:6], 0.01**2 + 0.1**2)
-    assert found[11] == pytest.approx(0.02**2 + 0.05**2)
-    assert found[6 + JAW_DROP] == pytest.approx(0.8**2)
+    rng = np.random.default_rng(0)
+    measured, prior, since = (X @ X.T + np.eye(12) for X in rng.normal(size=(3, 12, 12)))
+    drift = np.repeat([np.radians(0.3) ** 2 + 0.025**2, 0.01**2 + 0.1**2, 0.02**2], [3, 3, 6])
+    drift[[6 + JAW_DROP, 11]] = 0.8**2, 0.02**2 + 0.05**2
+    expected = np.linalg.inv(np.linalg.inv(measured / 4 + prior) + since + np.diag(drift))
+    np.testing.assert_allclose(motion.information_of(measured, prior, since, step), expected, rtol=1e-6, atol=1e-9)
 
 
 class _Unmoved(RealtimeTracker):

@@ -54,6 +54,7 @@ class HeadAxes:
         self.share = np.array([settings.tilt_share, settings.pan_share])
         self.R_model_head = np.eye(3)
         self._lean = np.zeros(2)
+        self._express()
         self.learn(shape)
 
     def learn(self, shape: ShapePosterior) -> None:
@@ -65,11 +66,16 @@ class HeadAxes:
         R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.R_head_fit, fit.t, _SD_DEG)
         self.R_model_head = fit.R.T @ R
         self.first = replace(self.first, axes_sd=sd)
+        self._express()
+
+    def _express(self) -> None:
+        """Note what is the same in the rotations of all frames, see `rotation`."""
+        self._since_first = self.reported @ self.R_model_head.T @ self.first.R.T
 
     def rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the head where the model has R (3, 3): for the first frame the one that was reported, so
         that nothing learned later turns it; what has turned since is expressed in the axes of the head."""
-        return np.asarray(self.reported @ self.R_model_head.T @ self.first.R.T @ R @ self.R_model_head)
+        return np.asarray(self._since_first @ R @ self.R_model_head)
 
     def model_rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
@@ -79,4 +85,5 @@ class HeadAxes:
         """Report the first frame by what is known now; returns the rotation (3, 3), in camera axes, that corrects
         everything reported so far."""
         before, self.reported = self.reported, self.first.R @ self.R_model_head
+        self._express()
         return np.asarray(self.reported @ before.T)

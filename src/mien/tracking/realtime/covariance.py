@@ -44,33 +44,34 @@ class LearnedCovariance:
         self.gain: Float32 = np.concatenate([appearance.gain, -np.ones(self.directions.shape[:2], np.float32)], axis=1)
         self.frames = 0
 
-    def learn(self, residual: Float32, trusted: Mask, share: Array, worth: float) -> None:
+    def learn(self, residual: Float32, trusted: Mask, expected: Array, covered: bool, worth: float) -> None:
         """Take a frame: residual (n, 128), observed less expected descriptors, of the landmarks that are trusted (n,);
-        share: (n,) of the variance that is added, see `share`; worth: in [0, 1], how much the frame can teach."""
-        self.frames += 1
-        metric = self.U, self.gain, self.inverse_floor
-        _learn(self.directions, metric, residual, trusted, self.settings.rate, worth, share, self.frames % _EVERY)
+        worth: in [0, 1], how much the frame can teach.
 
-    def share(self, expected: Array, covered: bool) -> Array:
-        """Share (n,) of the variance along the directions that is added, by the squared distance that is expected of
-        each landmark, expected (n,). covered: whether something lies on the face; then a landmark may look strange
-        because of that, and all have the same share."""
-        s = self.settings
-        if covered:
-            return np.full(len(expected), s.covered_share)
-        return np.asarray(s.share * np.maximum(1 - s.usual_distance / expected, 0.0))
+        The larger the squared distance that is expected of a landmark, expected (n,), the larger the share of the
+        variance that is added. covered: whether something lies on the face; then a landmark may look strange because of
+        that, and all have the same share."""
+        s, metric = self.settings, (self.U, self.gain, self.inverse_floor)
+        self.frames += 1
+        share, usual = (s.covered_share, 0.0) if covered else (s.share, s.usual_distance)
+        turn = self.frames % _EVERY
+        _learn(self.directions, metric, residual, trusted, s.rate, worth, expected, share, usual, turn)
 
 
 @kernel()
 def _learn(
-    directions: Any, metric: Any, residual: Any, trusted: Any, rate: float, worth: float, share: Any, turn: int
-) -> None:
-    """What `LearnedCovariance.learn` does; turn: which landmarks' metrics are made anew, as a remainder."""
+    directions: Any, metric: Any, residual: Any, trusted: Any, rate: float, worth: float, expected: Any, share: float,
+    usual: float, turn: int,
+) -> None:  # fmt: skip
+    """What `LearnedCovariance.learn` does: the share of a landmark's variance that is added is `share` of the part by
+    which its expected (n,) squared distance exceeds the usual one; turn: which landmarks' metrics are made anew, as a
+    remainder."""
     for i in range(trusted.size):
         if trusted[i]:
             follow(directions[i], residual[i].copy(), rate, worth)
         if i % _EVERY == turn:
-            _renew(metric[0][i], metric[1][i], metric[2][i], directions[i], share[i])
+            added = share * max(1.0 - usual / expected[i], 0.0)
+            _renew(metric[0][i], metric[1][i], metric[2][i], directions[i], added)
 
 
 @kernel()

@@ -20,12 +20,12 @@ def solve_definite(A: Array, b: Array) -> Array:
 
 def inverse_definite(A: Array) -> Array:
     """Inverse (d, d) of a symmetric positive definite A (d, d). Raises LinAlgError where A is singular."""
-    inverse, definite = _inverse(A)
-    return inverse if definite else np.linalg.inv(A)
+    found, definite = inverse(A)
+    return found if definite else np.linalg.inv(A)
 
 
 @kernel()
-def _inverse(A: Any) -> Any:
+def inverse(A: Any) -> Any:
     """Inverse (d, d), and whether A (d, d) is definite. At half the time of LAPACK for a dozen unknowns."""
     d = A.shape[0]
     L, X = A.copy(), np.zeros((d, d))  # X: L^-1

@@ -23,7 +23,7 @@ from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.config.realtime import MotionSettings
 from mien.tracking.prior import JAW_DROP
-from mien.tracking.realtime.definite import inverse_definite, solve_positive
+from mien.tracking.realtime.definite import inverse, solve_positive
 from mien.tracking.realtime.kernels import PriorArrays, add_prior
 from mien.tracking.realtime.pose_geometry import (
     STATE_SIZE,
@@ -93,8 +93,8 @@ class Motion:
     def measure(
         self, image: Float32, person: PersonArrays, prior: PriorArrays, view: ViewArrays
     ) -> tuple[PoseArrays, Array]:
-        """The pose at which a crop shows the patches best, and the covariance (12, 12) of a step from it, in units of
-        the energy of Eq. (9).
+        """The pose at which a crop shows the patches best, and the information (12, 12) that they have of a step from
+        it, see `information_of`.
 
         The head's motion is that of most patches. A mouth moves differently, and is an outlier among them: its units
         are aligned once more with the head held, and each of its patches compared with its own contrast."""
@@ -110,15 +110,38 @@ class Motion:
             image, person, self.patches, template, self.weight * self.mouth, tuple(held), view, s.robust_factor,
             s.mouth_share, s.iterations, s.tolerance,
         )  # fmt: skip
-        covariance = inverse_definite(information / s.noise + prior.information)
-        return (R, t, a), covariance
+        return (R, t, a), information
 
-    def drift(self, step: Array) -> Array:
-        """Variances (12,) of the systematic error of a measured step (12,): a share of the step, and a constant."""
-        s = step.tolist()
-        turned, moved = math.hypot(*s[:3]), math.hypot(*s[3:6])
-        length = np.array([turned, turned, turned, moved, moved, moved, *s[6:]])
-        return np.asarray(self.least_drift + self.settings.share**2 * length * length)
+    def information_of(self, measured: Array, prior: Array, since: Array, step: Array) -> Array:
+        """Information (12, 12) of a step from the measured pose, in units of the energy of Eq. (9): of what the patches
+        have `measured` (12, 12), with that of the prior (12, 12), less what the last pose is uncertain by, its
+        covariance `since` (12, 12), and the systematic error of the measured step (12,): a share of it, and a
+        constant."""
+        s = self.settings
+        information: Array = _of_measured_step(measured, 1 / s.noise, prior, since, step, s.share, self.least_drift)
+        return information
+
+
+@kernel()
+def _of_measured_step(
+    measured: Any, scale: float, prior: Any, since: Any, step: Any, share: float, least_drift: Any
+) -> Any:
+    """What `Motion.information_of` returns; scale: the information of the patches over `measured`; least_drift: (12,)
+    variances of the constant."""
+    total = np.empty((STATE_SIZE, STATE_SIZE))
+    for r in range(STATE_SIZE):
+        for c in range(STATE_SIZE):
+            total[r, c] = scale * measured[r, c] + prior[r, c]
+    covariance, _ = inverse(total)
+    turned = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
+    moved = step[3] * step[3] + step[4] * step[4] + step[5] * step[5]
+    for r in range(STATE_SIZE):
+        for c in range(STATE_SIZE):
+            covariance[r, c] += since[r, c]
+        squared = turned if r < 3 else moved if r < _RIGID else step[r] * step[r]
+        covariance[r, r] += least_drift[r] + share * share * squared
+    information, _ = inverse(covariance)
+    return information
 
 
 @kernel()

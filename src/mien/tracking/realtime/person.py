@@ -147,15 +147,10 @@ class Person:
         spread: float = _spread(self.neutral, view, solution.w, solution.seen & ~self.covers.covered)
         return spread
 
-    def misplacement_variance(self, level: Level, animation: Array) -> Array:
-        """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
-        no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
-        pixels_per_unit, measured = level.descriptor.pixels_per_unit, self.face.fine.descriptor.pixels_per_unit
-        share = self.settings.misplacement.unit_error * pixels_per_unit
-        variance: Array = kernels.misplacement_variance(
-            self.variance, pixels_per_unit / measured, self.units, animation, self.rest, share
-        )
-        return variance
+    def misplacement_variance(self, level: Level) -> Array:
+        """`variance` (n, 4) in the pixels of a level's crop."""
+        ratio = level.descriptor.pixels_per_unit / self.face.fine.descriptor.pixels_per_unit
+        return self.variance if ratio == 1 else self.variance * np.square([ratio, ratio, 1.0, 1.0])
 
     def learn(self, solution: Solution, agreement: Array) -> bool:
         """Learn from a frame in which the face looks familiar; returns whether the shape has changed. agreement: (n,)
@@ -176,8 +171,8 @@ class Person:
         """Follow what changes the look of a face at rest, as light does, near enough to the front."""
         if self.face.fine.at(solution.pose.angles) is self.face.fine:
             worth = self.shape.worth(solution.pose.animation - self.rest)
-            share = self.covariance.share(self.expected, covered=not self.covers.learnable.all())
-            self.covariance.learn(solution.at.residual, solution.facing & (solution.w > TRUSTED), share, worth)
+            trusted, covered = solution.facing & (solution.w > TRUSTED), not self.covers.learnable.all()
+            self.covariance.learn(solution.at.residual, trusted, self.expected, covered, worth)
 
     def metric(self, level: Level) -> tuple[Float32, Float32, int]:
         """Eigenvectors U (n, k, 128) and gain (n, k) of the metric at a level, and how many of the last of them were

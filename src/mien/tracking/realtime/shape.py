@@ -74,9 +74,7 @@ class ShapePosterior:
     def add(self, neutral: Array, Lambda: Array, gradient: Array, novelty: float) -> bool:
         """Add information that was linearised at `neutral`, of the novelty that `novelty` gave; returns whether there
         is a new mean, which is found once enough has been added."""
-        self.information += Lambda
-        moved = np.einsum("ij,j->i", Lambda, (neutral - self.start).ravel())  # `@` would wake threads of BLAS
-        self.right_sides[:, 0] += moved - gradient
+        _add(self.information, self.right_sides, Lambda, gradient, (neutral - self.start).ravel())
         self.added += novelty
         if self.added < _ENOUGH:
             return False
@@ -91,6 +89,17 @@ class ShapePosterior:
         moved = found[:, 0].reshape(-1, 3)
         self.mean: Array = self.start + moved
         self.lean: Array = self.slopes @ moved[:, 2]
+
+
+@kernel()
+def _add(information: Any, right_sides: Any, Lambda: Any, gradient: Any, moved: Any) -> None:
+    """Add what `ShapePosterior.add` is given; moved: (3n,) where it was linearised. `@` would wake threads of BLAS."""
+    for i in range(moved.size):
+        right_side = -gradient[i]
+        for j in range(moved.size):
+            information[i, j] += Lambda[i, j]
+            right_side += Lambda[i, j] * moved[j]
+        right_sides[i, 0] += right_side
 
 
 @kernel()

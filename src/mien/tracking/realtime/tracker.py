@@ -26,7 +26,7 @@ from mien.threads import one_blas_thread
 from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
-from mien.tracking.realtime.definite import inverse_definite, solve_definite
+from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.first_run import BackgroundCompilation, load_cached
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
@@ -301,11 +301,11 @@ class RealtimeTracker:
     def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
         """The prediction corrected by the motion of the pixels since the last frame."""
         prior = self.prior.arrays(predicted)
-        moved, covariance = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
+        moved, measured = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*moved)
-        covariance += self.step_covariance
-        covariance.reshape(-1)[::13] += self.motion.drift(self.pose.step_to(pose))  # the diagonal
-        return Prediction(pose, inverse_definite(covariance), self.pose)
+        step = self.pose.step_to(pose)
+        information = self.motion.information_of(measured, prior.information, self.step_covariance, step)
+        return Prediction(pose, information, self.pose)
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Store what the next frame is compared with: the patches and the surroundings. Returns the correlations of the
