@@ -93,7 +93,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_the_recipes_find_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A minute at 25 frames a second: ten blinks, one long closing of the eyes, six nods, five shakes and a slow bow;
-    the mouth smiles in a fifth of the time; ten seconds are not known."""
+    the mouth smiles in four fifths of the time; ten seconds are not known."""
     time = np.arange(1500) / 25
     table = pd.DataFrame({"timestamp": time, "confidence": 0.99, "eyes_closed": 0.02, "pose_Rz": 0.0})
     for start in np.linspace(2, 45, 10):
@@ -104,8 +104,9 @@ def test_the_recipes_find_what_is_there(tmp_path: Path, monkeypatch: pytest.Monk
         -(((time - 40) / 2) ** 2)
     )
     table["pose_Ry"] = np.where((time > 10) & (time < 12.5), swing, 0)
-    table[["jaw_drop", "lip_stretcher", "brow_lowerer", "outer_brow_raiser", "upper_lip_raiser"]] = 0.1
-    table["lip_corner_depressor"] = np.where(time < 10, -0.5, 0.15)
+    table[["jaw_drop", "lip_corner_depressor", "brow_lowerer", "outer_brow_raiser", "upper_lip_raiser"]] = 0.1
+    table["lip_stretcher"] = np.where(time < 40, 0.5, -0.15)
+    table["status"] = np.where(time == 42, "initialized", "tracked")
     table.loc[time >= 50, "confidence"] = 0.2
     table.loc[time >= 55, ["pose_Rx", "pose_Ry", "pose_Rz", "eyes_closed"]] = np.nan
     table.to_csv(tmp_path / "video.csv", index=False)
@@ -116,7 +117,7 @@ def test_the_recipes_find_what_is_there(tmp_path: Path, monkeypatch: pytest.Monk
     assert len(found["blinks"]) == 10
     assert found["per_minute"] == pytest.approx(12, rel=0.01)
     assert (len(found["nods"]), len(found["shakes"])) == (6, 5)
-    assert found["smiling"] == pytest.approx(0.2)
+    assert found["smiling"] == pytest.approx(0.8)
     turned = np.degrees(np.abs(np.diff(table["pose_Rx"])) + np.abs(np.diff(table["pose_Ry"])))[:1249]
     assert found["mean_speed"] == pytest.approx(turned.mean() * 25, rel=0.01)
 
