@@ -411,6 +411,15 @@ def test_what_is_done_is_kept(videos: Path, code: dict[str, str], tmp_path: Path
     assert _states(track_all([videos], out, BatchOptions(again=True))) == ["tracked"] * 3
 
 
+def test_a_face_that_was_chosen_by_hand_is_kept(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    track_all([videos / "a.mp4"], out)
+    settings = out / "a.json"
+    known = json.loads(settings.read_text())
+    settings.write_text(json.dumps({**known, "asked": {**known["asked"], "face": [230.0, 300.0]}}))
+    assert _states(track_all([videos / "a.mp4"], out)) == ["kept"]
+
+
 def test_of_a_table_that_is_kept_little_is_read(
     videos: Path, code: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -735,9 +744,13 @@ def test_the_row_of_a_video_that_is_named_like_a_first_face_stays(tmp_path: Path
 def test_a_summary_that_can_be_read_only_in_part_is_not_replaced(tmp_path: Path) -> None:
     """As a spreadsheet saves it in another encoding; it is read in pieces, of which the first can be."""
     faces = "".join(f"/v/{k}.mp4,{k}.csv,tracked,0,a\n" for k in range(10_000))
-    for text in (f"{faces}/v/x.mp4,x.csv,tracked,0,caf\xe9\n", f"{faces}/v/x.mp4,x.csv,tracked,0,{'a' * 200_000}\n"):
-        (tmp_path / "summary.csv").write_bytes(f"video,table,state,face_id,note\n{text}".encode("cp1252"))
-        with pytest.raises(MienError, match="exists and is not a summary by mien batch"):
+    for note, message in (
+        ("caf\xe9", "is not in UTF-8, .*; save it once more, as CSV UTF-8"),
+        ("a" * 200_000, "exists and is not a summary by mien batch"),
+    ):
+        text = f"video,table,state,face_id,note\n{faces}/v/x.mp4,x.csv,tracked,0,{note}\n"
+        (tmp_path / "summary.csv").write_bytes(text.encode("cp1252"))
+        with pytest.raises(MienError, match=message):
             Summary.read(tmp_path / "summary.csv")
 
 

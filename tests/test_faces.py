@@ -114,10 +114,15 @@ def test_a_face_that_comes_later_is_tracked_back_also_at_times_below_zero(video:
 def test_no_more_faces_than_are_wanted(video: Path, tmp_path: Path) -> None:
     """And the track says what was warned of."""
     (tmp_path / "out.face1.csv").write_bytes(b"")
-    with pytest.warns(MienWarning, match=r"out\.face1\.csv is left from an earlier run"):
+    with (
+        pytest.warns(MienWarning, match="2 faces are seen at the same time"),
+        pytest.warns(MienWarning, match=r"out\.face1\.csv is left from an earlier run"),
+    ):
         (track,) = track_faces(video, 1, focal_px=FOCAL, at_once=True, save=tmp_path / "out.csv")
     assert track.lost == 0
-    assert track.metadata["warnings"][-1].endswith("this one has 1 face")
+    first, *_, last = track.metadata["warnings"]
+    assert first.endswith("2 faces are seen at the same time; --faces 2 tracks all of them")
+    assert last.endswith("this one has 1 face")
 
 
 @pytest.mark.usefixtures("detector")

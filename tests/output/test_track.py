@@ -621,6 +621,9 @@ def test_a_long_name_is_written(track: Track, tmp_path: Path) -> None:
 def test_read_names_the_missing_file_and_the_settings(track: Track, tmp_path: Path) -> None:
     with pytest.raises(MienError, match=r"out.csv: no such file"):
         Track.read(tmp_path / "out")
+    (tmp_path / "out.png").touch()
+    with pytest.raises(MienError, match=r"out\.png is not a track; give its \.csv"):
+        Track.read(tmp_path / "out.png")
     track.save(tmp_path / "out")
     assert json.loads((tmp_path / "out.json").read_text()) == track.metadata
     with pytest.raises(MienError, match=r"read the \.csv"):

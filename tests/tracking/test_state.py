@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +39,8 @@ def test_a_status_is_written_as_in_tables() -> None:
 
 def test_arrays_of_an_estimate_cannot_be_written_to_and_those_of_its_tracker_can() -> None:
     estimate, covariance = _estimate(), np.eye(12)
-    for value in (estimate, replace(estimate, covariance=covariance), estimate.landmarks):
+    sent = pickle.loads(pickle.dumps(estimate))
+    for value in (estimate, replace(estimate, covariance=covariance), estimate.landmarks, sent, sent.landmarks):
         arrays = [array for array in vars(value).values() if isinstance(array, np.ndarray)]
         assert len(arrays) >= 4
         for array in arrays:

@@ -79,6 +79,14 @@ def test_a_program_goes_on_where_its_indices_and_times_do_not() -> None:
     assert "time jumps back" in texts[1]
 
 
+def test_a_time_that_stands_still_jumps_nowhere() -> None:
+    with pytest.warns(MienWarning) as warned:
+        frames = list(open_video([Frame(gradient(0), k, 0.0) for k in range(60)]))
+    np.testing.assert_allclose([frame.time for frame in frames], np.arange(60) / 30)
+    (text,) = (str(warning.message) for warning in warned)
+    assert "frame 1 at 0 s comes after frame 0 at 0 s" in text
+
+
 @pytest.mark.parametrize("rate", [60, 240])
 def test_a_fast_camera_that_repeats_a_time_does_not_run_ahead(rate: int) -> None:
     times = np.arange(3 * rate) / rate

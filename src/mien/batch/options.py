@@ -49,14 +49,15 @@ class BatchOptions:
 
     def match(self, metadata: Mapping[str, Any], video: Path, table: Path) -> bool:
         """Whether the track of a video with this NAME.json is complete, from the same options and this version of mien,
-        and has the pictures of this table that are wanted."""
+        and has the pictures of this table that are wanted. Of several faces, `mien track` may have been told which."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
         wanted |= {"asked": requested_options(self, self.at_once, fps=self._fps_of(video))}
         wanted |= self._contents(metadata.get("video", {}))
         overlay, plot = pictures_of(table)
         wanted |= {"overlay": overlay.name} if self.overlay else {}
         wanted |= {"plot": plot.name} if self.plot else {}
-        return metadata.get("faces_wanted", 1) == self.faces and wanted.items() <= metadata.items()
+        known = {**metadata, "asked": {**metadata.get("asked", {}), "face": None}}
+        return known.get("faces_wanted", 1) == self.faces and wanted.items() <= known.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
         """All files that are written for a video with this number of faces."""

@@ -72,8 +72,10 @@ def track_faces(
     with closing(footage):
         detections = list(detections_in(footage))
         require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
-        together = min(faces, max(map(len, detections)))
-        run = _Run(footage, preset, passes, at_once, files, faces, together, progress)
+        together = max(map(len, detections))
+        if together > faces:
+            warn(f"{name}: {together} faces are seen at the same time; --faces {together} tracks all of them")
+        run = _Run(footage, preset, passes, at_once, files, faces, min(faces, together), progress)
         found = run.track_all(appearances_in(detections))
         require(bool(found), f"{name}: nothing that looks like a face could be tracked for a second; check the video")
         found = [replace(face, track=without_other_faces(face, found)) for face in found]

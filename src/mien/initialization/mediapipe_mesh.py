@@ -18,6 +18,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from mien.arrays import Array, Pixels
+from mien.errors import require
 from mien.initialization.landmarks import Place
 
 
@@ -48,9 +49,21 @@ class MediaPipeMesh:
         return places
 
 
+_process: int | None = None
+"""The process that has made a mesh."""
+
+
 def face_mesh(faces: int, static: bool) -> Any:
     """MediaPipe's Face Mesh with refined lids and lips, for at most so many faces. static: whether it detects them in
-    each image, instead of following them. Raises ImportError if MediaPipe is not installed."""
+    each image, instead of following them. Raises ImportError if MediaPipe is not installed, and MienError in a process
+    that was forked from one that has such a mesh: there it would wait for threads that it does not have."""
+    global _process
+    require(
+        _process in (None, os.getpid()),
+        "this process was forked from one that had looked for a face, which MediaPipe does not survive; start "
+        'processes by multiprocessing.get_context("spawn"), or before a face is looked for',
+    )
+    _process = os.getpid()
     with silenced():
         create = import_solution("face_mesh", "FaceMesh")
         mesh = create(static_image_mode=static, max_num_faces=faces, refine_landmarks=True)

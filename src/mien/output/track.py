@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Track:
-    """A table with one row per frame, and the metadata to reproduce it.
+    """A table with one row per frame, and the metadata to reproduce it. Tracks compare by identity.
 
     table: the columns of `mien.output.columns`; a quantity that is never estimated has no column, one that is missing
     in a frame is null. metadata: plain values, the content of NAME.json.
@@ -266,7 +266,9 @@ class Track:
         """
         path = Path(path)
         ending = path.suffix.lower()
-        path = path if ending in ENDINGS else track_paths(path)[0]
+        if ending not in ENDINGS:
+            require(not path.is_file(), f"{path} is not a track; give its .csv or .parquet")
+            path = track_paths(path)[0]
         require(path.is_file(), f"{path}: no such file; check the name")
         require(ending != ".json", f"{path} contains the settings; read the .csv or .parquet beside it")
         return cls(read_table(path), read_metadata(path.with_suffix(".json")))

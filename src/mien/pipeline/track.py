@@ -28,6 +28,8 @@ from mien.tracking.abilities import RepeatableTracker
 from mien.tracking.state import Estimate, Tracker
 from mien.video import Source, Video, open_video
 
+_MOST_FACES = 1000
+
 Progress = Callable[[Estimate, int | None], None]
 """Called after every frame with its estimate and the expected number of frames, None if unknown."""
 
@@ -81,7 +83,8 @@ def track(
     check_mesh(files, tracker, preset)
     report = reporter(progress, footage, passes)
     with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
-        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage)).completed()
+        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
+        begin = begin if landmarks is None else begin.completed()
         files.warn_if_stale(1)
         for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
             write_in_any_case(files, result)
@@ -114,8 +117,9 @@ def check_passes(passes: int, tracker: Tracker, preset: str, video: Video | None
 
 
 def check_faces(faces: int) -> None:
-    """Raise MienError for a number of faces that cannot be tracked."""
-    require(isinstance(faces, Integral) and faces >= 1, f"{faces!r} faces to track; give 1 or more")
+    """Raise MienError for a number of faces that cannot be tracked, or that no video shows."""
+    possible = isinstance(faces, Integral) and 1 <= faces <= _MOST_FACES
+    require(possible, f"{faces!r} faces to track; give a number from 1 to {_MOST_FACES}")
 
 
 def check_mesh(files: Destination, tracker: Tracker, preset: str) -> None:

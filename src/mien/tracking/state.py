@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -57,6 +57,10 @@ class TrackedLandmarks:
     def __post_init__(self) -> None:
         _protect(self)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:  # what pickle reads can be written to
+        vars(self).update(state)
+        _protect(self)
+
     def __repr__(self) -> str:
         return f"<TrackedLandmarks: {len(self.names)}>"
 
@@ -99,6 +103,10 @@ class Estimate:
     model_rotation: Array | None = None
 
     def __post_init__(self) -> None:
+        _protect(self)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
         _protect(self)
 
     @classmethod

@@ -20,15 +20,18 @@ class Clock:
         self.name, self.until = name, begin
         self.time = -math.inf
         self.offset = 0.0  # added to what is stated after a jump back
+        self.stated = -math.inf  # of the last frame, with the offset
         self.missing, self.missing_from = 0.0, math.nan  # seconds without a frame, and where the first of them are
 
     def time_of(self, stated: float | None, duration: float) -> float:
         """The time in seconds of the next frame. stated: None, or not finite, if it is not; duration: seconds."""
         stamp = self.until if stated is None or not math.isfinite(stated) else stated + self.offset
-        if stamp < self.time - _JUMP_S:
+        if stamp < self.stated - _JUMP_S:
             if self.offset == 0:
                 warn(f"{self.name}: time jumps back from {self.time:.2f} to {stamp:.2f} s; later times are shifted")
             self.offset += self.until - stamp
+            stamp = self.until
+        self.stated = stamp
         if math.isfinite(self.time) and stamp - self.until > 0.5 * duration:
             self.missing_from = self.missing_from if self.missing else self.until
             self.missing += stamp - self.until

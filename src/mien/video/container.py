@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mien.errors import MienError
-from mien.files import reason_of
+from mien.errors import MienError, require
+from mien.files import reason_of, size_of
 
 VIDEO_SUFFIXES = (
     ".3gp", ".asf", ".avi", ".dv", ".flv", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf",
@@ -22,6 +22,7 @@ def open_container(path: Path) -> Any:
     """The container of a file with a video stream. Raises MienError for any other file."""
     import av
 
+    require(size_of(path) != 0, f"{path} is empty; copy or record the video again")
     try:
         # An absolute path, since what stands before a colon would be taken for a protocol.
         container = av.open(os.path.abspath(path), metadata_errors="ignore")

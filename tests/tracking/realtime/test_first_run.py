@@ -32,7 +32,6 @@ print(kernels.solve.stats.cache_misses.total(), "compiled here")
 """
 
 
-@pytest.mark.skipif(first_run.available_processors() < 2, reason="one processor compiles everything itself")
 def test_the_solver_comes_from_the_other_process(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
@@ -116,7 +115,6 @@ def test_a_kernel_is_compiled_anew_for_another_processor(tmp_path: Path) -> None
 @pytest.fixture
 def first_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first_run, "is_cached", lambda kernel: False)
-    monkeypatch.setattr(first_run, "available_processors", lambda: 2)
 
 
 @pytest.mark.usefixtures("first_time")
@@ -145,7 +143,6 @@ from mien.tracking.realtime import first_run, kernels
 
 first_run._PROGRAM = "import time; time.sleep(60)"
 first_run.is_cached = lambda kernel: False
-first_run.available_processors = lambda: 2
 compiled = first_run.BackgroundCompilation()
 print(compiled.helper.pid)
 raise KeyboardInterrupt

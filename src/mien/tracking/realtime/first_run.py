@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from mien.appearance import crop, descriptors, face_camera, rendering, surface
 from mien.compiled import is_cached
-from mien.processes import available_processors
 from mien.tracking.realtime import (
     adaptation,
     covariance,
@@ -169,10 +168,11 @@ def load_cached() -> None:
 
 class BackgroundCompilation:
     """Compilation of what takes longest in another process, which begins with this object, unless the kernels are
-    cached or there is one processor only. That process ends with this object, or with this process."""
+    cached. That process ends with this object, or with this process. Also where there is one processor only: what a
+    process has compiled itself differs, by rounding, from what it would load."""
 
     def __init__(self) -> None:
-        self.helper = None if is_cached(kernels.solve) or available_processors() < 2 else _start()
+        self.helper = None if is_cached(kernels.solve) else _start()
         if self.helper is not None:
             weakref.finalize(self, _stop, self.helper)  # also at the end of the interpreter
 
