@@ -315,7 +315,8 @@ def solve(start: Any, problem: Any, iterations: int, tolerance: float, buffers: 
     """Levenberg-Marquardt on Eq. (9), a `PosePosterior`, from a pose; the set of active landmarks is frozen.
 
     Stops where the next step promises a gain below `tolerance`, and takes that step without evaluating it. Returns the
-    pose, energy and index in the buffers of the lowest point evaluated, and the number of evaluations.
+    pose, the energy and the index in the buffers of the lowest point evaluated, which may be a step before it, and the
+    number of evaluations.
     """
     _, _, _, _, _, _, H, G = buffers
     lowest, free = 0, 1

@@ -64,7 +64,7 @@ class Pose:
 
     @property
     def seen_from(self) -> Array:
-        """(3,) the same in head axes: from where the head is seen."""
+        """(3,) the same in head axes: in which direction, away from the camera, the head is seen."""
         return self._sight.seen_from
 
     @property

@@ -21,7 +21,6 @@ import numpy as np
 from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
-from mien.geometry.rotation import ray_rotation
 from mien.tracking.realtime.identity import logistic
 from mien.tracking.realtime.solution import Pose
 
@@ -114,7 +113,7 @@ class Reference:
 
     @cached_property
     def seen_from(self) -> Array:
-        """(3,) the ray in head axes: from where the first frame sees the face."""
+        """(3,) the ray in head axes: in which direction, away from the camera, the first frame sees the face."""
         return np.asarray(self.R.T @ self.ray)
 
     @cached_property
@@ -125,7 +124,7 @@ class Reference:
     @cached_property
     def obliqueness(self) -> float:
         """Sine of the angle from which the first frame sees the face."""
-        return math.sqrt(max(0.0, 1 - float(self.R[:, 2] @ ray_rotation(self.ray)[:, 2]) ** 2))
+        return math.sqrt(max(0.0, 1 - float(self.seen_from[2]) ** 2))
 
 
 @dataclass(frozen=True)
