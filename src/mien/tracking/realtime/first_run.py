@@ -26,12 +26,12 @@ from mien.appearance import crop, descriptors, face_camera, rendering, surface
 from mien.compiled import is_cached
 from mien.tracking.realtime import (
     adaptation,
-    covariance,
     covers,
     definite,
     eyes,
     kernels,
     level,
+    look_covariance,
     motion,
     patch_history,
     person,
@@ -91,7 +91,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, 0.0, _array(2), _array(1))),
     (uncertainty._of_model, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0, 0.0)),
     (level._nearest, (_array(1), 0.0)),
-    (covariance._learn,
+    (look_covariance._learn,
      (_single(3), (_single(3), _single(2), _single(1)), _single(2), _SEEN, 0.0, 0.0, _array(1), 0.0, 0.0, 1)),
     (person._learn_distances, (_array(1), _array(1), _SEEN, _array(1), 0.0, (0.0, 0.0))),
     (person._learn_locations, (_array(2), _array(1), _array(3), _array(2), _SEEN, _array(1), 0.0)),

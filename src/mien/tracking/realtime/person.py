@@ -17,11 +17,11 @@ from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, opening_of
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.adaptation import Adaptation
-from mien.tracking.realtime.covariance import LearnedCovariance
 from mien.tracking.realtime.covers import Covers
 from mien.tracking.realtime.eyes import closing_of
 from mien.tracking.realtime.learning import LearnedFace, learn_face
 from mien.tracking.realtime.level import Level
+from mien.tracking.realtime.look_covariance import LearnedCovariance
 from mien.tracking.realtime.pose_geometry import PersonArrays
 from mien.tracking.realtime.shape import ShapePosterior, shape_information
 from mien.tracking.realtime.solution import Pose, Solution
@@ -99,7 +99,7 @@ class Person:
             else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s.shape)
         )
         self.neutral = self.shape.mean
-        self.covariance = LearnedCovariance(face.fine.appearance, s.covariance)
+        self.look_covariance = LearnedCovariance(face.fine.appearance, s.covariance)
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s.adaptation)
         self.expected = np.full(n, s.weights.expected_distance)
         # What the jaw carries changes its look with it, and what the nose carries is bone: trust both further.
@@ -172,13 +172,13 @@ class Person:
         if self.face.fine.at(solution.pose.angles) is self.face.fine:
             worth = self.shape.worth(solution.pose.animation - self.rest)
             trusted, covered = solution.facing & (solution.w > TRUSTED), not self.covers.learnable.all()
-            self.covariance.learn(solution.at.residual, trusted, self.expected, covered, worth)
+            self.look_covariance.learn(solution.at.residual, trusted, self.expected, covered, worth)
 
     def metric(self, level: Level) -> tuple[Float32, Float32, int]:
         """Eigenvectors U (n, k, 128) and gain (n, k) of the metric at a level, and how many of the last of them were
         learned while tracking, see `LearnedCovariance`."""
         if level is self.face.fine:
-            return self.covariance.U, self.covariance.gain, self.settings.covariance.learned
+            return self.look_covariance.U, self.look_covariance.gain, self.settings.covariance.learned
         return level.appearance.U, level.appearance.gain, 0
 
     def follow_quality(self, solution: Solution) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from mien.appearance.regression import PoseRegression
 from mien.arrays import Array, Float32
 from mien.config.realtime import CovarianceSettings
-from mien.tracking.realtime.covariance import _EVERY, LearnedCovariance, follow
+from mien.tracking.realtime.look_covariance import _EVERY, LearnedCovariance, follow
 
 N, D, RANK, FLOOR = 3, 128, 5, 1e-3
 ALL = np.ones(N, dtype=bool)
