@@ -184,6 +184,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     ),
     "patches of the mouth's corners as large as others": _set("motion", corner=0.2),
     "rest of the mouth as firm as the brows'": _set("rest", mouth=0.7, mouth_firmness=22, jaw_firmness=11),
+    "animation units believed entirely": _set("misplacement", unit_error=0),
     "expressive frames teach the shape too": _set("shape", expression_sd=1e6),
     "eyes at the depth of the rest": _set("shape", eyes_sd=0),
     "landmarks weigh alike wherever they are found": _set("misplacement", rate=0),

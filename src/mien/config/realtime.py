@@ -126,6 +126,7 @@ class MisplacementSettings(Settings):
     rate: float = Field(
         0.02, ge=0, lt=1, description="per-frame rate of the moving average of a landmark's systematic error"
     )
+    unit_error: float = Field(0.1, ge=0, description="error of an animation unit, as a fraction of its effect")
     angle_sd_deg: float = Field(27.0, gt=0, description="systematic error of a patch's apparent angles")
 
 

@@ -60,6 +60,16 @@ def _positive(rng: np.random.Generator, n: int) -> Array:
     return X @ X.T
 
 
+def test_what_an_error_of_the_animation_does_to_the_landmarks() -> None:
+    (_, units), a, variance = random_person(6), random_pose(6)[2], np.random.default_rng(6).uniform(size=(N, 4))
+    moved = np.tensordot(a, units, axes=1)
+    rest = np.full(6, 0.1)
+    # Measured in a crop of twice the resolution.
+    found = kernels.misplacement_variance(variance, 0.5, units, rest + a / 3, rest, 3.0)
+    np.testing.assert_allclose(found[:, :2], 0.25 * variance[:, :2] + (moved**2).sum(axis=1, keepdims=True))
+    np.testing.assert_array_equal(found[:, 2:], variance[:, 2:])
+
+
 def test_rest_is_firmest_where_nothing_has_moved() -> None:
     found = kernels.student_information(
         np.array([1.0, 2.0, 1.0, 1.0]), np.array([8.0, 8, 8, 4]), np.array([0.0, 0.5, 1e6, 0.0]), 0.5, 3.0

@@ -248,6 +248,22 @@ def test_a_second_pass_knows_the_relief() -> None:
     np.testing.assert_array_equal(tracker.person.shape.mean, learned)  # the second learns on its own
 
 
+def test_what_an_expression_moves_says_less() -> None:
+    tracker = begun(sequence().frames[0])
+    level = tracker.face.fine
+    rest = tracker.person.misplacement_variance(level, tracker.pose.animation)
+    raised = tracker.pose.animation.copy()
+    raised[TRACKED_UNITS.index("outer_brow_raiser")] += 1
+    tracker.pose = replace(tracker.pose, animation=raised)
+    more = (tracker.person.misplacement_variance(level, tracker.pose.animation) - rest)[:, 0]
+    brow, nose = LANDMARK_NAMES.index("left_brow_outer"), LANDMARK_NAMES.index("nose_tip")
+    pixels = (
+        tracker.settings.misplacement.unit_error * 0.176 * level.descriptor.pixels_per_unit
+    )  # CANDIDE: (0.022, 0.174, -0.022)
+    assert np.sqrt(more[brow]) == pytest.approx(pixels, rel=0.1)
+    assert more[nose] == pytest.approx(0, abs=0.05 * more[brow])
+
+
 def test_the_rest_is_firm_while_the_face_hardly_moves() -> None:
     """So many times as firm at rest, half of that at `rest.within`, and next to nothing of it further away."""
     rest = RestSettings(animation=0.5, mouth=1.0, firmness=20.0, mouth_firmness=50.0, jaw_firmness=40.0, within=0.1)

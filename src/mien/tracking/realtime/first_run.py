@@ -97,6 +97,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (person._learn_locations, (_array(2), _array(1), _array(3), _array(2), _SEEN, _array(1), 0.0)),
     (person._spread, (_array(2), _array(1), _array(1), _SEEN)),
     (kernels.student_information, (*[_array(1)] * 3, 0.0, 0.0)),
+    (kernels.misplacement_variance, (_array(2), 0.0, _array(3), _array(1), _array(1), 0.0)),
     (adaptation._offset, (_array(1), 0.0, _single(2), _single(2))),
     (adaptation._share, (_array(1), 0.0, _single(2))),
     (adaptation._neighbours, (_array(1), 0.0)),

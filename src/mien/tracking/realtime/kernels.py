@@ -18,6 +18,7 @@ from mien.tracking.realtime.pose_geometry import (
     STATE_SIZE,
     PoseArrays,
     angles_along_ray,
+    displacement,
     project,
     step_back,
     step_between,
@@ -188,6 +189,22 @@ def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
             for j in range(4):
                 M[i, j] -= X[k, i] * X[k, j]
     return max(d2, 0.0)
+
+
+@kernel()
+def misplacement_variance(variance: Any, scale: float, units: Any, a: Any, rest: Any, share: float) -> Any:
+    """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, in a crop of which
+    a pixel is `scale` pixels of this one, how far an animation (6,) is from rest (6,) adds its part in u and v, times
+    `share`, pixels per unit of length."""
+    out, error = variance.copy(), np.empty(rest.size)
+    for k in range(error.size):
+        error[k] = share * (a[k] - rest[k])
+    for i in range(out.shape[0]):
+        x, y, z = displacement(i, units, error)
+        squared = x * x + y * y + z * z
+        out[i, 0] = scale * scale * out[i, 0] + squared
+        out[i, 1] = scale * scale * out[i, 1] + squared
+    return out
 
 
 @kernel()

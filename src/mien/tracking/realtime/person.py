@@ -147,10 +147,15 @@ class Person:
         spread: float = _spread(self.neutral, view, solution.w, solution.seen & ~self.covers.covered)
         return spread
 
-    def misplacement_variance(self, level: Level) -> Array:
-        """`variance` (n, 4) in the pixels of a level's crop."""
-        ratio = level.descriptor.pixels_per_unit / self.face.fine.descriptor.pixels_per_unit
-        return self.variance if ratio == 1 else self.variance * np.square([ratio, ratio, 1.0, 1.0])
+    def misplacement_variance(self, level: Level, animation: Array) -> Array:
+        """Variance (n, 4) of each landmark's systematic error: the measured one, and what the units contribute, since
+        no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
+        pixels_per_unit, measured = level.descriptor.pixels_per_unit, self.face.fine.descriptor.pixels_per_unit
+        share = self.settings.misplacement.unit_error * pixels_per_unit
+        variance: Array = kernels.misplacement_variance(
+            self.variance, pixels_per_unit / measured, self.units, animation, self.rest, share
+        )
+        return variance
 
     def learn(self, solution: Solution, agreement: Array) -> bool:
         """Learn from a frame in which the face looks familiar; returns whether the shape has changed. agreement: (n,)

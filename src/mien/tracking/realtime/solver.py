@@ -113,7 +113,7 @@ class PoseSolver:
                 learned=learned,
                 inverse_floor=appearance.inverse_floor,
                 trust=level.trust(view.pose.angles, self.settings.covariance.lack_of_fit),
-                variance=person.misplacement_variance(level),
+                variance=person.misplacement_variance(level, predicted.last.animation),
             ),
             active=view.facing * person.covers.weight,
             scale=person.tolerance * person.expected,
