@@ -295,3 +295,33 @@ def test_a_face_is_upside_down_only_if_it_is_seen_far_better_so(
     assert (averaged is None) == (found is None)
     if averaged is not None:
         np.testing.assert_array_equal(averaged[0], found)
+
+
+FORKED = """
+import os
+from mien.errors import MienError
+from mien.initialization.detector import detect
+from small_motion import face
+
+assert detect(face().frame)
+child = os.fork()
+if not child:
+    try:
+        detect(face().frame)
+    except MienError as error:
+        os._exit(7 if "forked from one that had looked for a face" in str(error) else 8)
+    os._exit(9)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@needs_mediapipe
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_a_process_that_was_forked_too_late_is_told_so(network: str) -> None:
+    """It would wait for ever for MediaPipe's threads, which it does not have."""
+    if network == "OpenCV":
+        pytest.skip("OpenCV may be forked")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", FORKED]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.split() == ["7"], done.stderr

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mien
-from mien.errors import MienWarning
+from mien.errors import MienError, MienWarning
 from mien.frame import Frame
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks, count_of_scheme, rows_of_scheme
@@ -70,3 +70,9 @@ def test_a_track_from_marks_reports_them_and_is_repeated_from_its_json(tmp_path:
     assert set(saved.marked) == set(LANDMARK_NAMES)
     again = mien.track(frames, landmarks=tmp_path / "t.json", camera=face().camera)
     np.testing.assert_array_equal(again.euler_deg, track.euler_deg)
+
+
+@pytest.mark.parametrize("marked", [{"nose": [1.0, 2.0]}, {"nose_tip": [1.0]}, {"nose_tip": [1.0, float("nan")]}])
+def test_marks_that_are_none_are_refused(marked: dict[str, list[float]]) -> None:
+    with pytest.raises(MienError, match=f"`marked` has no point for a landmark at {next(iter(marked))!r}"):
+        replace(_marks(), marked=marked)

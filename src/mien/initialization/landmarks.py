@@ -194,6 +194,9 @@ class Landmarks:
             self.depths is None or (self.depths.shape == (count,) and bool(np.isfinite(self.depths).all())),
             f"{self.source}: `depths` must have one finite number per point; correct or remove it",
         )
+        for name, point in (self.marked or {}).items():
+            is_point = name in LANDMARK_VERTICES and np.shape(point) == (2,) and bool(np.isfinite(point).all())
+            require(is_point, f"{self.source}: `marked` has no point for a landmark at {name!r}; correct or remove it")
         require(math.isfinite(self.time), f"{self.source}: its frame has the time {self.time:g} s; give it in seconds")
 
     def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:

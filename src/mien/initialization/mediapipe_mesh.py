@@ -63,9 +63,9 @@ def face_mesh(faces: int, static: bool) -> Any:
         "this process was forked from one that had looked for a face, which MediaPipe does not survive; start "
         'processes by multiprocessing.get_context("spawn"), or before a face is looked for',
     )
-    _process = os.getpid()
     with silenced():
         create = import_solution("face_mesh", "FaceMesh")
+        _process = os.getpid()
         mesh = create(static_image_mode=static, max_num_faces=faces, refine_landmarks=True)
         read_faces(mesh, np.zeros((8, 8, 3), np.uint8))  # its threads log until they are ready
     return mesh

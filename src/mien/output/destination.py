@@ -15,6 +15,7 @@ from mien.errors import MienError, interruption, require, warn
 from mien.files import checksum, exists, real_path, require_ending, require_writable, size_of
 from mien.output.track import Track
 from mien.output.track_files import (
+    ENDINGS,
     GLTF_ENDINGS,
     PLOT_ENDINGS,
     is_table_of_track,
@@ -139,7 +140,8 @@ def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
     for path in paths:
         require(
             real_path(path) not in taken,
-            f"{path} would overwrite an input or another output; choose another name",
+            f"{path} would overwrite an input or another output; choose another name"
+            + " for the table, beside which it lies" * (path.suffix.lower() in ENDINGS[1:]),
         )
         for file in files:
             refuse_among_images(path, file)
