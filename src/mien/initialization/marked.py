@@ -35,8 +35,8 @@ def completed(frame: Frame, marks: Landmarks, camera: Camera) -> Landmarks:
         if moved is not None:
             return moved
     warn(
-        f"{marks.source}: no face is detected where it was marked, so that its depths are not known, and turns "
-        "less certain than the standard deviations say; check the points"
+        f"{marks.source}: no face is detected where it was marked, so that its depths are not known, and turns are "
+        "less certain, as the standard deviations say; check the points"
     )
     return marks
 

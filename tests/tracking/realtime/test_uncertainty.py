@@ -32,6 +32,7 @@ from mien.tracking.realtime.uncertainty import (
     COARSE,
     FAR_COSINE,
     FAR_SCALE,
+    FLAT_SCALE,
     GRAPHICS_SCALE,
     MISFIT_DISTANCE,
     NOISE_SCALE,
@@ -155,6 +156,16 @@ def test_what_graphics_cover_in_the_first_frame_makes_turns_less_certain() -> No
     sd = np.sqrt(systematic_covariance(R, view(R), covered, EXACT)[1, 1])
     assert sd == pytest.approx(GRAPHICS_SCALE * 0.6 * np.sin(0.4))
     np.testing.assert_allclose(systematic_covariance(FACING, view(FACING), covered, EXACT), 0, atol=1e-12)
+
+
+def test_turns_of_a_face_without_depths_are_less_certain() -> None:
+    R = exp(np.array([0.0, 0.4, 0.0])) @ FACING
+    flat = Reference(FACING, AHEAD, np.zeros(3), flat=True)
+    assert np.sqrt(systematic_covariance(R, view(R), flat, EXACT)[1, 1]) == pytest.approx(FLAT_SCALE * np.sin(0.4))
+    tracker, without = RealtimeTracker(), replace(face().landmarks, depths=None)
+    tracker.initialize(face().frame, without, face().camera)
+    assert tracker.axes.first.flat
+    assert not begun(face().frame).axes.first.flat
 
 
 def test_beyond_fifty_degrees_the_turn_is_less_certain_by_its_cosine() -> None:

@@ -46,10 +46,11 @@ class HeadAxes:
         covered: float = 0.0,
         sharpness: float = 1.0,
         rounding: float = 0.0,
+        flat: bool = False,
     ) -> None:
-        """pose: of the model in the first frame; covered, sharpness, rounding: see `Reference`."""
+        """pose: of the model in the first frame; covered, sharpness, rounding, flat: see `Reference`."""
         self.fit = fit
-        self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered, sharpness, rounding)
+        self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered, sharpness, rounding, flat)
         self.reported = pose.R
         self.share = np.array([settings.tilt_share, settings.pan_share])
         self.R_model_head = np.eye(3)

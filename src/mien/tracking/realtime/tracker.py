@@ -121,7 +121,8 @@ class RealtimeTracker:
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.covered_share(self.graphics, self.pose)
         sharp, rounding = self._quality(frame)
-        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, sharp, rounding)
+        flat = landmarks.depths is None
+        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, sharp, rounding, flat)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         self.size = frame.width, frame.height

@@ -48,6 +48,9 @@ Fitted to rendered heads behind boards, and to modelled people."""
 GRAPHICS_SCALE = 0.35
 """The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
 are covered there. Fitted to rendered heads behind graphics."""
+FLAT_SCALE = 0.08
+"""The same for a face whose landmarks in the first frame have no depths, so that CANDIDE's relief is learned. Fitted to
+rendered heads that are marked by hand."""
 SHARP = 0.48
 """`quality.sharpness` of the first frame's face below which the standard deviations of a frame's own error grow, with
 its inverse square: found on rendered and modelled heads that were blurred by up to 2.5 pixels."""
@@ -97,7 +100,7 @@ class Reference:
     the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
     roll; covered: share of the landmarks that graphics cover there; sharpness: of the face there, see
     `quality.sharpness`; rounding: how coarsely it was compressed there, grey values: `Frame.quantizer_step`, which the
-    crop's pixels average where they are larger than the frame's."""
+    crop's pixels average where they are larger than the frame's; flat: whether its landmarks have no depths there."""
 
     R: Array
     ray: Array
@@ -105,6 +108,7 @@ class Reference:
     covered: float = 0.0
     sharpness: float = 1.0
     rounding: float = 0.0
+    flat: bool = False
 
     @cached_property
     def scaled_axes_sd(self) -> Array:
@@ -214,7 +218,7 @@ def systematic_covariance(
     With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d. An expression
     that is not quite followed tilts the head."""
     far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
-    shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered)
+    shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered, FLAT_SCALE * first.flat)
     thin = THIN_SCALE * max(THIN / max(relief.layer, _LEAST_LAYER) - 1, 0.0)
     known = math.hypot(RELIEF_SCALE * relief.sd, LEAN_SCALE * relief.lean, LEARNED_SCALE * relief.learned)
     share = math.hypot(known, shown, far, thin)
