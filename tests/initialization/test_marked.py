@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,7 +73,11 @@ def test_a_track_from_marks_reports_them_and_is_repeated_from_its_json(tmp_path:
     np.testing.assert_array_equal(again.euler_deg, track.euler_deg)
 
 
-@pytest.mark.parametrize("marked", [{"nose": [1.0, 2.0]}, {"nose_tip": [1.0]}, {"nose_tip": [1.0, float("nan")]}])
-def test_marks_that_are_none_are_refused(marked: dict[str, list[float]]) -> None:
+@pytest.mark.parametrize(
+    "marked", [{"nose": [1.0, 2.0]}, {"nose_tip": [1.0]}, {"nose_tip": [1.0, float("nan")]}, {"nose_tip": [1, "a"]}]
+)
+def test_marks_that_are_none_are_refused(marked: Any) -> None:
     with pytest.raises(MienError, match=f"`marked` has no point for a landmark at {next(iter(marked))!r}"):
         replace(_marks(), marked=marked)
+    with pytest.raises(MienError, match="`marked` needs points by name"):
+        replace(_marks(), marked=list(marked.values()))  # type: ignore[arg-type]

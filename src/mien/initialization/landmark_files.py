@@ -73,7 +73,6 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
         points = np.array(points, dtype=float)
         depths = None if depths is None else np.array(depths, dtype=float)
         graphics = None if "graphics" not in values else Graphics.from_dict(values["graphics"])
-        marked = {name: np.array(point, dtype=float) for name, point in values.get("marked", {}).items()}
         elsewhere = int(values.get("frame", index)) != index
         index, time = int(values.get("frame", index)), float(values.get("time", time))
     except json.JSONDecodeError as error:
@@ -86,7 +85,7 @@ def _read_json(path: Path, index: int, time: float, size: tuple[int, int] | None
     require("time" in values or not elsewhere, f"{path} states no time of its frame {index}; add `time`, in seconds")
     if size is not None:
         warn_of_another_size(f"{path} has landmarks", content, size, "find its own with mien landmarks")
-    return Landmarks(points, scheme, depths, index, time, str(path), graphics=graphics, marked=marked or None)
+    return Landmarks(points, scheme, depths, index, time, str(path), graphics=graphics, marked=values.get("marked"))
 
 
 def _json_text(path: Path, landmarks: Landmarks, size: tuple[int, int] | None) -> str:

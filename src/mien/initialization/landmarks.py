@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -194,10 +195,21 @@ class Landmarks:
             self.depths is None or (self.depths.shape == (count,) and bool(np.isfinite(self.depths).all())),
             f"{self.source}: `depths` must have one finite number per point; correct or remove it",
         )
-        for name, point in (self.marked or {}).items():
-            is_point = name in LANDMARK_VERTICES and np.shape(point) == (2,) and bool(np.isfinite(point).all())
-            require(is_point, f"{self.source}: `marked` has no point for a landmark at {name!r}; correct or remove it")
+        if self.marked is not None:
+            require(
+                isinstance(self.marked, Mapping), f"{self.source}: `marked` needs points by name; correct or remove it"
+            )
+            object.__setattr__(self, "marked", {name: self._mark(name, point) for name, point in self.marked.items()})
         require(math.isfinite(self.time), f"{self.source}: its frame has the time {self.time:g} s; give it in seconds")
+
+    def _mark(self, name: str, point: Any) -> Array:
+        """The point (2,) that is marked for a landmark. Raises MienError if it is none, or no landmark has that name."""
+        known = np.full(2, np.nan)
+        with suppress(TypeError, ValueError):
+            known = np.array(point, dtype=float)
+        is_mark = name in LANDMARK_VERTICES and known.shape == (2,) and bool(np.isfinite(known).all())
+        require(is_mark, f"{self.source}: `marked` has no point for a landmark at {name!r}; correct or remove it")
+        return known
 
     def correspondences(self) -> tuple[NDArray[np.intp], Array, Array | None]:
         """Vertices of CANDIDE (m,), their image points (m, 2), and their depths (m,) if known."""

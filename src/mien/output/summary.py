@@ -166,21 +166,19 @@ def _rows(path: Path) -> list[dict[str, str]]:
     if not size_of(path):
         return []
     rows, names, doubled = list[dict[str, str]](), set[str](), set[str]()
-    try:
-        with suppress(csv.Error), opened_csv(path) as stream:
-            reader = csv.reader(stream)
-            header = next(reader, [])
-            for cells in reader:
-                named = list(zip(header, cells, strict=False))
-                doubled |= {name for name, cell in named if cell and header.count(name) > 1}
-                rows.append(dict.fromkeys(header, "") | dict(named))
-            rows = [row for row in rows if row.get("table")]
-            names = set(header)  # only if all of it can be read: what is not is lost when it is written
-    except UnicodeDecodeError:
-        require(
-            b"face_id" not in path.read_bytes().partition(b"\n")[0],
-            f"{path} is not in UTF-8, perhaps since a spreadsheet has saved it; save it once more, as CSV UTF-8",
-        )
+    with suppress(ValueError, csv.Error), opened_csv(path) as stream:
+        reader = csv.reader(stream)
+        header = next(reader, [])
+        for cells in reader:
+            named = list(zip(header, cells, strict=False))
+            doubled |= {name for name, cell in named if cell and header.count(name) > 1}
+            rows.append(dict.fromkeys(header, "") | dict(named))
+        rows = [row for row in rows if row.get("table")]
+        names = set(header)  # only if all of it can be read: what is not is lost when it is written
+    require(
+        bool(names) or not _is_in_another_encoding(path),
+        f"{path} is not in UTF-8, perhaps since a spreadsheet has saved it; save it once more, as CSV UTF-8",
+    )
     require(
         names >= {"video", "table", "state", "face_id"},
         f"{path} exists and is not a summary by mien batch; choose another folder with -o, or move it away",
@@ -188,6 +186,15 @@ def _rows(path: Path) -> list[dict[str, str]]:
     several = ", ".join(map(repr, sorted(doubled)))
     require(not several, f"{path} has several columns {several}; give each a name of its own")
     return rows
+
+
+def _is_in_another_encoding(path: Path) -> bool:
+    """Whether a file is a summary that was saved in the encoding of a machine instead of UTF-8."""
+    content = path.read_bytes()
+    with suppress(UnicodeDecodeError):
+        content.decode()
+        return False
+    return b"face_id" in content.partition(b"\n")[0]
 
 
 def _table_of_first(row: Mapping[str, str]) -> str:

@@ -242,13 +242,7 @@ def _frame_of(
 def _rounded_as_saved(landmarks: Landmarks) -> Landmarks:
     """The landmarks rounded as in a saved file, so that a run from that file is identical."""
     saved = landmarks.to_dict()
-    depths = saved["depths"]
-    return replace(
-        landmarks,
-        points=np.array(saved["points"]),
-        depths=None if depths is None else np.array(depths),
-        marked=saved["marked"] and {name: np.array(point) for name, point in saved["marked"].items()},
-    )
+    return replace(landmarks, points=saved["points"], depths=saved["depths"], marked=saved["marked"])
 
 
 def before_start(frame: Frame, patience: Patience | None = None) -> Estimate:

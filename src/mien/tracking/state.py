@@ -39,8 +39,23 @@ class Status(str, Enum):
         return self is not Status.LOST
 
 
+class _Protected:
+    """A frozen value whose arrays cannot be written to: a tracker may go on in its own. They are copies."""
+
+    def __post_init__(self) -> None:
+        fields = vars(self)
+        for name, array in fields.items():
+            if isinstance(array, np.ndarray):
+                fields[name] = np.array(array)
+                fields[name].setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:  # what pickle reads can be written to
+        vars(self).update(state)
+        self.__post_init__()
+
+
 @dataclass(frozen=True, eq=False)
-class TrackedLandmarks:
+class TrackedLandmarks(_Protected):
     """Landmarks of one frame: n names, (n, 2) pixels, (n, 3) CANDIDE units in camera axes.
 
     visibility: (n,) probability that nothing hides the landmark; distance: (n,) Mahalanobis distance of what was
@@ -53,13 +68,6 @@ class TrackedLandmarks:
     camera: Array | None = None
     visibility: Array | None = None
     distance: Array | None = None
-
-    def __post_init__(self) -> None:
-        _protect(self)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:  # what pickle reads can be written to
-        vars(self).update(state)
-        _protect(self)
 
     def __repr__(self) -> str:
         return f"<TrackedLandmarks: {len(self.names)}>"
@@ -74,7 +82,7 @@ class Closing:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(_Protected):
     """What a tracker knows after one frame. A lost face has status LOST and no rotation. Estimates compare by identity.
 
     index, time: of the frame, in seconds; rotation: (3, 3) from head axes (x to its own left, y up, z out of the face)
@@ -101,13 +109,6 @@ class Estimate:
     reason: str = ""
     closing: Closing | None = None
     model_rotation: Array | None = None
-
-    def __post_init__(self) -> None:
-        _protect(self)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        _protect(self)
 
     @classmethod
     def lost(cls, frame: Frame, reason: str, mm_per_unit: float = 1.0) -> Estimate:
@@ -148,15 +149,6 @@ class Estimate:
             return None
         J = euler_jacobian(self.rotation @ FACING)
         return np.asarray(np.sqrt(np.maximum(np.diag(J @ self.covariance[:3, :3] @ J.T), 0.0)))
-
-
-def _protect(value: object) -> None:
-    """Replace each array of a frozen value by a copy that cannot be written to: a tracker may go on in its own."""
-    fields = vars(value)
-    for name, array in fields.items():
-        if isinstance(array, np.ndarray):
-            fields[name] = np.array(array)
-            fields[name].setflags(write=False)
 
 
 class Tracker(Protocol):

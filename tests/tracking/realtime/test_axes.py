@@ -19,6 +19,7 @@ from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.axes import HeadAxes
 from mien.tracking.realtime.shape import ShapePosterior
 from mien.tracking.realtime.solution import Pose
+from mien.tracking.realtime.uncertainty import Reference
 from small_motion import begun, run
 
 SETTINGS = AxesSettings()
@@ -43,7 +44,8 @@ def _axes(tracker: RealtimeTracker, lean_deg: Array, settings: AxesSettings = SE
     shape.lean = shape.slopes @ (turned - shape.start)[:, 2]
     t = tracker.fit.t
     fit = replace(tracker.fit, R=ray_rotation(t) @ FACING, R_head_fit=np.eye(3))
-    return HeadAxes(fit, Pose(fit.R, t, fit.animation), shape, settings)
+    pose = Pose(fit.R, t, fit.animation)
+    return HeadAxes(fit, Reference(pose.R, pose.line_of_sight, fit.axes_sd), shape, settings)
 
 
 def test_a_shape_as_in_the_first_frame_leaves_the_axes(tracker: RealtimeTracker) -> None:

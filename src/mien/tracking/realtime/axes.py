@@ -21,7 +21,6 @@ from mien.config.realtime import AxesSettings
 from mien.geometry.rotation import exp
 from mien.initialization.fit import FirstFrame, most_likely_facing
 from mien.tracking.realtime.shape import ShapePosterior
-from mien.tracking.realtime.solution import Pose
 from mien.tracking.realtime.uncertainty import Reference
 
 _SD_DEG = (3.0, 1.25, 0.8)
@@ -40,22 +39,15 @@ class HeadAxes:
     def __init__(
         self,
         fit: FirstFrame,
-        pose: Pose,
+        first: Reference,
         shape: ShapePosterior,
         settings: AxesSettings,
-        covered: float = 0.0,
-        sharpness: float = 1.0,
-        rounding: float = 0.0,
-        flat: bool = False,
     ) -> None:
-        """pose: of the model in the first frame; covered, sharpness, rounding, flat: see `Reference`."""
-        self.fit = fit
-        self.first = Reference(pose.R, pose.line_of_sight, fit.axes_sd, covered, sharpness, rounding, flat)
-        self.reported = pose.R
+        """first: the rotation of the model in the first frame."""
+        self.fit, self.first, self.reported = fit, first, first.R
         self.share = np.array([settings.tilt_share, settings.pan_share])
         self.R_model_head = np.eye(3)
         self._lean = np.zeros(2)
-        self._express()
         self.learn(shape)
 
     def learn(self, shape: ShapePosterior) -> None:
@@ -67,16 +59,11 @@ class HeadAxes:
         R, sd = most_likely_facing(fit.R @ exp(np.append(lean, 0.0)) @ fit.R_head_fit, fit.t, _SD_DEG)
         self.R_model_head = fit.R.T @ R
         self.first = replace(self.first, axes_sd=sd)
-        self._express()
-
-    def _express(self) -> None:
-        """Note what is the same in the rotations of all frames, see `rotation`."""
-        self._since_first = self.reported @ self.R_model_head.T @ self.first.R.T
 
     def rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the head where the model has R (3, 3): for the first frame the one that was reported, so
         that nothing learned later turns it; what has turned since is expressed in the axes of the head."""
-        return np.asarray(self._since_first @ R @ self.R_model_head)
+        return np.asarray(self.reported @ self.R_model_head.T @ self.first.R.T @ R @ self.R_model_head)
 
     def model_rotation(self, R: Array) -> Array:
         """Rotation (3, 3) of the model where the head has R (3, 3): the inverse of `rotation`."""
@@ -86,5 +73,4 @@ class HeadAxes:
         """Report the first frame by what is known now; returns the rotation (3, 3), in camera axes, that corrects
         everything reported so far."""
         before, self.reported = self.reported, self.first.R @ self.R_model_head
-        self._express()
         return np.asarray(self.reported @ before.T)

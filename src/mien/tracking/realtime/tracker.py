@@ -37,6 +37,7 @@ from mien.tracking.realtime.recovery import Recovery
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
+    Reference,
     ReliefError,
     confidence,
     focal_covariance,
@@ -121,8 +122,9 @@ class RealtimeTracker:
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.covered_share(self.graphics, self.pose)
         sharp, rounding = self._quality(frame)
-        flat = landmarks.depths is None
-        self.axes = HeadAxes(self.fit, self.pose, self.person.shape, s.axes, covered, sharp, rounding, flat)
+        flat, (R, ray) = landmarks.depths is None, (self.pose.R, self.pose.line_of_sight)
+        first = Reference(R, ray, self.fit.axes_sd, covered, sharp, rounding, flat)
+        self.axes = HeadAxes(self.fit, first, self.person.shape, s.axes)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         self.size = frame.width, frame.height
