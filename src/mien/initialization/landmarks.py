@@ -203,7 +203,7 @@ class Landmarks:
         require(math.isfinite(self.time), f"{self.source}: its frame has the time {self.time:g} s; give it in seconds")
 
     def _mark(self, name: str, point: Any) -> Array:
-        """The point (2,) that is marked for a landmark. Raises MienError if it is none, or no landmark has that name."""
+        """The point (2,) that is marked for a landmark. Raises MienError if it is none, or for another name."""
         known = np.full(2, np.nan)
         with suppress(TypeError, ValueError):
             known = np.array(point, dtype=float)
