@@ -26,6 +26,7 @@ from mien.appearance import crop, descriptors, face_camera, rendering, surface
 from mien.compiled import is_cached
 from mien.tracking.realtime import (
     adaptation,
+    chin,
     covers,
     definite,
     eyes,
@@ -117,6 +118,9 @@ _KERNELS: tuple[Kernel, ...] = (
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
+    (chin._look, (_single(2), _PERSON, _array(2), 1, _POSE, 0.0, _VIEW, _single(1))),
+    (chin._likeness, (_single(2), _PERSON, _array(2), 1, _POSE, _array(1), _VIEW, _single(1))),
+    (motion.center, (_single(1),)),
     (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
     (crop._resample, (_array(2, np.uint8), _array(2), (0, 0), 1, _single(2))),
 )  # fmt: skip

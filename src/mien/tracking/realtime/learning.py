@@ -53,16 +53,21 @@ _TURNED_VIEWS = 2
 """Pans to either side that are rendered in addition for a face that has turned aside."""
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 """Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
+_LOWER_LIP = LANDMARK_NAMES.index("lower_lip_outer")
+_CHIN = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 12), np.linspace(0.02, 0.36, 10)), axis=-1).reshape(-1, 2)
+"""Where the skin of `chin.Chin` lies in the first frame's image from there, right and down, CANDIDE units."""
 
 
 @dataclass(frozen=True)
 class LearnedFace:
     """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
-    relative to it, in head axes; the coarse and the fine level."""
+    relative to it, in head axes; likewise the skin of the chin (k, 3), relative to the lower lip; the coarse and the
+    fine level."""
 
     neutral: Array
     normals: Array
     patches: Array
+    chin: Array
     coarse: Level
     fine: Level
 
@@ -83,8 +88,9 @@ def learn_face(
     coarse = _learn_level(posed, settings.coarse, settings.views.coarse_per_angle, settings)
     fine = _learn_level(posed, settings.descriptor, settings.views.per_angle, settings)
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
-    patches = (_patches_on(surface, points, fit, camera, settings.motion) - points[:, None]) @ fit.R
-    return LearnedFace(neutral, normals, np.ascontiguousarray(patches), coarse, fine)
+    patches = _around_each(points, _patches(len(points), settings.motion), surface, fit, camera)
+    chin = _around_each(points[[_LOWER_LIP]], _CHIN, surface, fit, camera)[0]
+    return LearnedFace(neutral, normals, patches, chin, coarse, fine)
 
 
 @dataclass(frozen=True)
@@ -361,16 +367,23 @@ def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: 
     return Frame(pixels, frame.index, frame.time)
 
 
-def _patches_on(surface: Surface, points: Array, fit: FirstFrame, camera: Camera, settings: MotionSettings) -> Array:
-    """Grids (n, m, 3) of points on the surface around points (n, 3), camera axes, regular in the first frame's
-    image."""
-    side = np.linspace(-1, 1, settings.grid) * camera.focal_px / fit.t[2]
-    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    half = np.full(len(points), settings.patch)
+def _patches(count: int, settings: MotionSettings) -> Array:
+    """Regular grids (n, m, 2) around as many landmarks in the image: right and down, CANDIDE units."""
+    side = np.linspace(-1, 1, settings.grid)
+    half = np.full(count, settings.patch)
     half[_CORNERS] = settings.corner
-    pixels = camera.project(points)[0][:, None] + grid * half[:, None, None]
-    grids = camera.rays(pixels) * points[:, None, 2:]
-    return on_surface(grids.reshape(-1, 3), surface, camera).reshape(grids.shape)
+    grids: Array = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) * half[:, None, None]
+    return grids
+
+
+def _around_each(points: Array, offsets: Array, surface: Surface, fit: FirstFrame, camera: Camera) -> Array:
+    """Points (n, m, 3) on the surface around each of points (n, 3), camera axes, relative to it, head axes. offsets:
+    (n, m, 2), or (m, 2) for all, of these in the first frame's image: right and down, CANDIDE units."""
+    pixels = camera.project(points)[0][:, None] + offsets * camera.focal_px / fit.t[2]
+    rays = camera.rays(pixels) * points[:, None, 2:]
+    around = on_surface(rays.reshape(-1, 3), surface, camera).reshape(rays.shape)
+    relative: Array = (around - points[:, None]) @ fit.R
+    return np.ascontiguousarray(relative)
 
 
 def spread_lights(count: int, contrast: float) -> Array:

@@ -145,7 +145,7 @@ def _of_measured_step(
 
 
 @kernel()
-def _bilinear(image: Any, x: float, y: float) -> Any:
+def bilinear(image: Any, x: float, y: float) -> Any:
     """Bilinear value of an image at a point, and its derivatives by the point; beyond the border the border repeats."""
     height, width = image.shape
     x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
@@ -186,16 +186,16 @@ def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any)
     for i in range(n):
         _place_patch(i, person, patches, a, to_crop, q)
         for j in range(m):
-            values[i, j], slope[0, j], slope[1, j] = _bilinear(image, q[0, j], q[1, j])
+            values[i, j], slope[0, j], slope[1, j] = bilinear(image, q[0, j], q[1, j])
         x, y, z = landmark(i, person, a)
         for j in range(m):
             Y = rotated(R, x + patches[i, 0, j], y + patches[i, 1, j], z + patches[i, 2, j])
             by_pose = gradient_by_pose(slope[0, j], slope[1, j], (q[0, j], q[1, j], q[2, j]), Y, projection)
             for k in range(_RIGID):
                 J[i, k, j] = by_pose[k]
-        norms[i] = np.sqrt(_center(values[i]))
+        norms[i] = np.sqrt(center(values[i]))
         for k in range(_RIGID):
-            _center(J[i, k])
+            center(J[i, k])
             for r in range(k + 1):
                 s = np.float32(0.0)
                 for j in range(m):
@@ -213,7 +213,7 @@ def extract_patches(image: Any, person: Any, patches: Any, pose: Any, view: Any)
 
 
 @kernel()
-def _center(x: Any) -> Any:
+def center(x: Any) -> Any:
     """Subtract its mean from an array (m,); returns the sum of squares of the rest."""
     mean, squared = np.float32(0.0), np.float32(0.0)
     for j in range(x.size):
@@ -229,7 +229,7 @@ def _center(x: Any) -> Any:
 def _compare(patch: Any, values: Any, norm: float) -> Any:
     """Give a patch (m,) the brightness and contrast of the last frame's and subtract the values seen there; returns the
     mean square of the residual."""
-    contrast = np.float32(min(max(norm / np.sqrt(_center(patch) + 1e-9), 0.5), 2.0))
+    contrast = np.float32(min(max(norm / np.sqrt(center(patch) + 1e-9), 0.5), 2.0))
     squared = np.float32(0.0)
     for j in range(values.size):
         patch[j] = contrast * patch[j] - values[j]
@@ -292,7 +292,7 @@ def align(
             if active[i] > 0.0:
                 _place_patch(i, person, patches, a, to_crop, q)
                 for j in range(m):
-                    residual[i, j] = _bilinear(image, q[0, j], q[1, j])[0]
+                    residual[i, j] = bilinear(image, q[0, j], q[1, j])[0]
                 off[i] = _compare(residual[i], values[i], norms[i])
                 w = active[i] * _weight(off[i], max(robust * robust * usual, tolerated[i]))
                 total += w

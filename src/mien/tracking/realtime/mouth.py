@@ -9,36 +9,58 @@ import numpy as np
 from mien.candide.model import MOVES_MOUTH
 from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
+from mien.tracking.realtime.chin import Chin
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.solution import Prediction, Solution, View
+from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
+JAWS = np.linspace(-0.3, 1.5, 19)
+"""Values of jaw_drop at which the chin is looked for."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
+_OTHER_JAW = 0.175
+"""Difference of jaw_drop from which on a mouth is open to another degree."""
 
 
 class MouthSearch:
     """Starts the solver again from other mouths where the one that it found does not fit. strange_frames: for how many
     frames a moved mouth has not."""
 
-    def __init__(self, person: Person, solver: PoseSolver, prior: StatePrior, settings: MouthSettings) -> None:
-        self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
+    def __init__(
+        self, person: Person, solver: PoseSolver, prior: StatePrior, chin: Chin, settings: MouthSettings
+    ) -> None:
+        self.person, self.solver, self.prior, self.chin, self.settings = person, solver, prior, chin, settings
         self.strange_frames = 0
 
     def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
-        """A jaw can move further in a frame than its patches reach: where these do not fit, start from other
-        openings."""
+        """A jaw can move further in a frame than its patches reach, and lips that open look strange everywhere: start
+        from the opening at which the chin looks as it did, and, where the jaw's landmarks do not fit, from others."""
         s = self.settings
-        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW):
+        if not view.facing[JAW].any():
             return best
-        for jaw in _JAW_STARTS:
-            if abs(jaw - best.pose.animation[JAW_DROP]) > 0.5 * _JAW_STARTS[1]:
+        found = float(best.pose.animation[JAW_DROP])
+        seen, *elsewhere = self._chin(view, best.pose, [found, *JAWS])
+        starts = [float(JAWS[np.argmax(elsewhere)])] if max(elsewhere) > seen + s.chin_gain else []
+        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) >= s.jaw_distance * len(JAW):
+            starts += _JAW_STARTS
+        lowest = best.energy - s.chin_energy * seen
+        for jaw in starts:
+            if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
                 animation = best.pose.animation.copy()
                 animation[JAW_DROP] = jaw
                 candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
-                best = min(best, candidate, key=lambda solution: solution.energy)
+                (seen,) = self._chin(view, candidate.pose, [float(candidate.pose.animation[JAW_DROP])])
+                energy = candidate.energy - s.chin_energy * seen
+                if energy < lowest:
+                    best, lowest = candidate, energy
         return best
+
+    def _chin(self, view: View, pose: Pose, jaws: list[float]) -> list[float]:
+        """How much the chin looks as in the first frame with the jaw at each of `jaws`: correlations, and at least the
+        one below which it is hidden or changed."""
+        likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, np.array(jaws))
+        return [max(value, self.settings.chin_least) for value in likeness.tolist()]
 
     def relaxed(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and

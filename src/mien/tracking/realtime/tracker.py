@@ -26,12 +26,13 @@ from mien.threads import one_blas_thread
 from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
+from mien.tracking.realtime.chin import Chin
 from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.first_run import BackgroundCompilation, load_cached
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
 from mien.tracking.realtime.mouth import MouthSearch
-from mien.tracking.realtime.person import TRUSTED, Person
+from mien.tracking.realtime.person import JAW, TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
@@ -115,7 +116,6 @@ class RealtimeTracker:
         self.velocity = np.zeros(12)
         self.motion = Motion(self.face.patches, self.person.mouth, s.prior.jaw, s.motion)
         self.identity = Identity(1.0 - self.person.temples)
-        self.mouth = MouthSearch(self.person, self.solver, self.prior, s.mouth)
         self.lost_frames = 0
         settled = self._refine_first_pose(frame)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
@@ -136,6 +136,9 @@ class RealtimeTracker:
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
+        where = view.image, self.person.arrays, self.pose.arrays, view.geometry
+        chin = Chin(self.face.chin, JAW[0], *where)
+        self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         if self.closing is None:

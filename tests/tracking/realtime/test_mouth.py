@@ -1,0 +1,61 @@
+"""Mouths that open further within a frame than what is measured from the last one reaches."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mien.arrays import Array
+from mien.frame import Frame
+from mien.initialization.landmarks import LANDMARK_NAMES
+from mien.synthetic import SyntheticSequence, make_sequence, moved
+from mien.tracking.prior import JAW_DROP
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.realtime.mouth import JAWS
+from small_motion import begun, face
+
+OPENED = 0.5
+DARK = 40
+
+
+@cache
+def opening() -> SyntheticSequence:
+    """A mouth that is opened from one frame to the next, and stays so."""
+    animation = np.zeros((4, 6))
+    animation[1:, JAW_DROP] = OPENED
+    return make_sequence(face(), moved(face(), np.zeros((4, 3)), np.zeros((4, 3)), animation))
+
+
+def _with_dark_mouth(frame: Frame, landmarks: Array) -> Frame:
+    """The frame with something between the lips, and on them, that the first one did not show."""
+    corners = [name for name in LANDMARK_NAMES if "mouth_corner" in name]
+    left, right = sorted(int(landmarks[LANDMARK_NAMES.index(name), 0]) for name in corners)
+    top, bottom = (int(landmarks[LANDMARK_NAMES.index(f"{lip}_lip_outer"), 1]) for lip in ("upper", "lower"))
+    pixels = frame.pixels.copy()
+    pixels[top + 2 : bottom + 1, left:right] = DARK
+    return Frame(pixels, frame.index, frame.time)
+
+
+def _likeness(tracker: RealtimeTracker, frame: Frame) -> Array:
+    """The chin's likeness at `JAWS`, counted from the jaw of the first frame."""
+    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    jaws = tracker.first_animation[JAW_DROP] + JAWS
+    return tracker.mouth.chin.likeness(view.image, tracker.person.arrays, tracker.pose.arrays, view.geometry, jaws)
+
+
+@pytest.mark.parametrize(("frame", "least", "most"), [(0, -0.05, 0.05), (1, 0.1, 0.6)])
+def test_the_chin_shows_how_far_the_jaw_has_dropped(frame: int, least: float, most: float) -> None:
+    """The model moves the tip of the chin by half as much as the lower lip: an open jaw seems less open there."""
+    likeness = _likeness(begun(opening().frames[0]), opening().frames[frame])
+    assert likeness.max() > 0.9
+    assert least <= JAWS[likeness.argmax()] <= most
+    assert likeness[JAWS > 1.2].max() < 0.5
+
+
+def test_lips_that_look_strange_do_not_hide_an_open_mouth() -> None:
+    tracker, sequence = begun(opening().frames[0]), opening()
+    for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
+        tracker.track(_with_dark_mouth(frame, landmarks))
+        assert tracker.pose.animation[JAW_DROP] - tracker.first_animation[JAW_DROP] == pytest.approx(OPENED, abs=0.2)
