@@ -54,7 +54,7 @@ _TURNED_VIEWS = 2
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 """Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
 _LOWER_LIP = LANDMARK_NAMES.index("lower_lip_outer")
-_CHIN = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 12), np.linspace(0.02, 0.36, 10)), axis=-1).reshape(-1, 2)
+_CHIN = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(0.02, 0.36, 8)), axis=-1).reshape(-1, 2)
 """Where the skin of `chin.Chin` lies in the first frame's image from there, right and down, CANDIDE units."""
 
 

@@ -15,7 +15,7 @@ from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
-JAWS = np.linspace(-0.3, 1.5, 19)
+JAWS = np.linspace(-0.3, 1.5, 13)
 """Values of jaw_drop at which the chin is looked for."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
