@@ -198,6 +198,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "last pose counts for nothing where little is seen": _set("hold", share=0),
     "no coarse search": _set("solver", retry_distance=1e9),
     "no jaw search": _set("mouth", jaw_distance=1e9),
+    "the chin does not tell openings of the mouth apart": _set("mouth", chin_energy=0),
     "no loss, no recovery": _set("recovery", least_share=0),
     "angles of patches believed entirely": _set("misplacement", angle_sd_deg=0.01),
     "angles of patches ignored": _set("misplacement", angle_sd_deg=1000),

@@ -211,12 +211,9 @@ class MouthSettings(Settings):
     """When other mouths are tried than the one that was found."""
 
     jaw_distance: float = Field(
-        4.0, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
+        3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
     )
     chin_energy: float = Field(50.0, ge=0, description="energy that a chin exactly as in the first frame is worth")
-    chin_gain: float = Field(
-        0.05, ge=0, description="gain in the chin's correlation with the first frame for which a jaw position is tried"
-    )
     chin_least: float = Field(
         0.2, ge=-1, le=1, description="correlation of the chin with the first frame below which it says nothing"
     )

@@ -13,7 +13,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.realtime.mouth import JAWS
+from mien.tracking.realtime.mouth import _JAWS as JAWS
 from small_motion import begun, face
 
 OPENED = 0.5

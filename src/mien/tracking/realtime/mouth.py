@@ -15,7 +15,7 @@ from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
-JAWS = np.linspace(-0.3, 1.5, 13)
+_JAWS = np.linspace(-0.3, 1.5, 13)
 """Values of jaw_drop at which the chin is looked for."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
@@ -34,18 +34,14 @@ class MouthSearch:
         self.strange_frames = 0
 
     def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
-        """A jaw can move further in a frame than its patches reach, and lips that open look strange everywhere: start
-        from the opening at which the chin looks as it did, and, where the jaw's landmarks do not fit, from others."""
+        """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
+        where these do not fit, start from other openings, and judge all by how much the chin looks as it did."""
         s = self.settings
-        if not view.facing[JAW].any():
+        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW):
             return best
-        found = float(best.pose.animation[JAW_DROP])
-        seen, *elsewhere = self._chin(view, best.pose, [found, *JAWS])
-        starts = [float(JAWS[np.argmax(elsewhere)])] if max(elsewhere) > seen + s.chin_gain else []
-        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) >= s.jaw_distance * len(JAW):
-            starts += _JAW_STARTS
+        seen, *elsewhere = self._chin(view, best.pose, [float(best.pose.animation[JAW_DROP]), *_JAWS])
         lowest = best.energy - s.chin_energy * seen
-        for jaw in starts:
+        for jaw in (float(_JAWS[np.argmax(elsewhere)]), *_JAW_STARTS):
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
                 animation = best.pose.animation.copy()
                 animation[JAW_DROP] = jaw
