@@ -233,6 +233,28 @@ def test_calibration(out: Path) -> None:
     assert [row[f"90% of {angle} (%)"] for angle in ("tilt", "pan", "roll")] == ["100.0", "0.0", "100.0"]
 
 
+@pytest.mark.parametrize(("stated", "gap"), [([1.0], NONE), ([0.0], NONE), ([1.0, 0.9], "5.0"), ([0.25], "75.0")])
+def test_a_tracker_that_is_always_sure_estimates_no_confidence(
+    stated: list[float], gap: str, out: Path, tmp_path: Path
+) -> None:
+    """As MediaPipe, whose estimates have to state one; also where it has lost the face in some frames, at zero. All
+    frames are right to five degrees."""
+    scores = load_scores(out)
+    one, *_ = scores.for_tracker("shifted")
+    track = one.result.track
+    assert track is not None
+    last = np.arange(FRAMES) == FRAMES - 1
+    lost = replace(
+        track,
+        status=(*track.status[:-1], "lost"),
+        rotation=np.where(last[:, None, None], np.nan, track.rotation),
+        confidence=np.where(last, 0.0, np.resize(stated, FRAMES)),
+    )
+    made = replace(scores, scores=(replace(one, result=replace(one.result, track=lost)),))
+    assert [row["gap of confidence (%)"] for row in _rows(tables.calibration(made))] == [gap]
+    assert ("Reliability of the confidence" in save_figures(made, tmp_path)) == (gap != NONE)
+
+
 @pytest.mark.parametrize("name", ["paper", "rebased", "sensor"])
 def test_every_table_names_its_protocol_and_no_other(out: Path, name: str) -> None:
     made = tables.all_tables(load_scores(out, name))

@@ -62,8 +62,9 @@ def save_figures(scores: Scores, folder: Path) -> dict[str, Path]:
         makers += [
             ("head-angle", "Rotation error against the angle of the head", [error_against_head_angle(scores)]),
             ("success", "P_s against the threshold", [success_against_threshold(scores)]),
-            ("reliability", "Reliability of the confidence", [reliability_diagram(diagrams)]),
         ]
+        if any(diagram.count.any() for diagram in diagrams.values()):
+            makers.append(("reliability", "Reliability of the confidence", [reliability_diagram(diagrams)]))
     out = {}
     for name, title, figures in makers:
         for page, figure in enumerate(figures, 1):
@@ -174,7 +175,8 @@ def success_against_threshold(scores: Scores) -> Figure:
 
 
 def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
-    """Fraction of frames with an error below 5 degrees, and number of frames, against confidence, by tracker."""
+    """Fraction of frames with an error below 5 degrees, and number of frames, against confidence, by tracker; without
+    those that estimate none."""
     figure = _figure(6, 5)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)

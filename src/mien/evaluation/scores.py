@@ -166,9 +166,12 @@ class Score:
 
     @property
     def confidence(self) -> Array:
-        """(n,) probability that the rotation error is below `RIGHT_DEG`."""
-        assert self.result.track is not None
-        return self.result.track.confidence
+        """(n,) probability that the rotation error is below `RIGHT_DEG`; NaN of a tracker that estimates none, and says
+        the same 1, or 0, of every frame with a face."""
+        track = self.result.track
+        assert track is not None
+        stated = np.unique(track.confidence[~track.lost])
+        return np.full(track.frames, np.nan) if stated.tolist() in ([0.0], [1.0]) else track.confidence
 
     @property
     def compared(self) -> Comparison:

@@ -221,7 +221,8 @@ def calibration(scores: Scores) -> Table:
         "Fraction of the errors of the three angles inside the tracker's own intervals. "
         "The normalised squared error is 1 if the covariance is right, and more if it is too small. "
         "The gap is the mean difference between the confidence and the fraction of frames with an error below "
-        f"{metrics.RIGHT_DEG:g} degrees. Over tracked frames after the first.",
+        f"{metrics.RIGHT_DEG:g} degrees; a tracker whose confidence is 1 in every frame with a face estimates none. "
+        "Over tracked frames after the first.",
         ("tracker", "kind", *levels, *angles, "error² / variance", "gap of confidence (%)"),
         tuple(rows),
     )
