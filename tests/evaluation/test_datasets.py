@@ -477,6 +477,35 @@ def test_true_rotations_may_have_few_digits_and_gaps() -> None:
     assert Truth(FRAMES, rotations=rounded).known.sum() == FRAMES - 1
 
 
+@pytest.mark.parametrize("dataset", ["buft", "rendered", "video"])
+def test_videos_without_their_truth_are_warned_of(dataset: str, tmp_path: Path) -> None:
+    poses = [f"{i},0,0,0" for i in range(FRAMES)]
+    make = {
+        "buft": tiny.buft,
+        "rendered": tiny.rendered,
+        "video": lambda root: _annotate(root, "frame,pose_Rx,pose_Ry,pose_Rz", poses),
+    }
+    root = make[dataset](tmp_path)
+    for name in ("c_uniform1.avi", "d_uniform1.mkv"):
+        tiny.video(root / name)
+    with pytest.warns(MienWarning, match=r"has no truth for c_uniform1\.avi, d_uniform1\.mkv, without which") as told:
+        found = load_dataset(dataset, root)
+    assert (len(found), len(told)) == (1, 1)
+
+
+def test_a_folder_of_images_without_its_truth_is_warned_of(tmp_path: Path) -> None:
+    """Not one of other files."""
+    root = _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", [f"{i},0,0,0" for i in range(FRAMES)])
+    for name, file in (("taken", "0.png"), ("figures", "a.svg")):
+        (root / name).mkdir()
+        (root / name / file).touch()
+    with pytest.warns(
+        MienWarning, match="has no truth for taken, without which a video is left out; it needs a CSV"
+    ) as told:
+        load_dataset("video", root)
+    assert len(told) == 1
+
+
 # Names
 
 

@@ -9,6 +9,7 @@ have no truth. The camera has the default field of view of 60 degrees unless a f
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from pathlib import Path
 
@@ -16,17 +17,23 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.errors import require, warn
-from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_frames
+from mien.evaluation.datasets.sequence import (
+    Sequence,
+    Truth,
+    found_in,
+    require_frames,
+    warn_of_videos_without_truth,
+)
 from mien.evaluation.pose_csv import PoseTable, read_pose_csv
 from mien.geometry.rotation import FACING
-from mien.video import VIDEO_SUFFIXES, open_video
+from mien.video import VIDEO_SUFFIXES, list_images, open_video
 
 _OTHER_RATE = 0.1
 """Relative difference of frame rates from which they are not the same."""
 
 
 def load(path: Path) -> tuple[Sequence, ...]:
-    """Load every video that has a CSV of the same name beside it."""
+    """Load every video that has a CSV of the same name beside it. Warns of those that have none."""
     alone = path.is_file() or path.with_name(f"{path.name}.csv").is_file()
     candidates = [path] if alone else found_in(path, "*")
     known = [p for p in candidates if p.is_dir() or p.suffix.lower() in VIDEO_SUFFIXES or p == path]
@@ -37,7 +44,10 @@ def load(path: Path) -> tuple[Sequence, ...]:
         f"{path} contains no annotated video; it needs a video ({', '.join(VIDEO_SUFFIXES)}) or a folder of "
         "images with a CSV of the same name beside it",
     )
-    return tuple(_sequence(video, truth) for video, truth in annotated)
+    found = tuple(_sequence(video, truth) for video, truth in annotated)
+    videos = [p for p in known if p.is_file() or (os.access(p, os.R_OK) and list_images(p))]
+    warn_of_videos_without_truth(path, videos, found, "a CSV of the same name beside it")
+    return found
 
 
 def _name(video: Path) -> str:

@@ -25,7 +25,13 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.errors import MienError, require
-from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_finite
+from mien.evaluation.datasets.sequence import (
+    Sequence,
+    Truth,
+    found_in,
+    require_finite,
+    warn_of_videos_without_truth,
+)
 from mien.video import VIDEO_SUFFIXES
 
 SUBJECTS = ("jam", "jim", "llm", "ssm", "vam")
@@ -38,7 +44,8 @@ FOCAL_PER_WIDTH = 500 / 320
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
-    """Load all sequences in a folder and its subfolders: videos that have a `.dat` of the same name."""
+    """Load all sequences in a folder and its subfolders: videos that have a `.dat` of the same name. Warns of those
+    without one."""
     videos = [p for p in found_in(root, "**/*") if p.suffix.lower() in VIDEO_SUFFIXES]
     pairs = [(video, dat) for video in videos if (dat := _dat_of(root, video)) is not None]
     require(
@@ -46,7 +53,7 @@ def load(root: Path) -> tuple[Sequence, ...]:
         f"{root} contains no sequence of BUFT; it needs videos ({', '.join(VIDEO_SUFFIXES)}), each with a .dat "
         "of the same name beside it or in a separate folder",
     )
-    return tuple(
+    found = tuple(
         Sequence(
             video.stem,
             _kind(root, video),
@@ -57,6 +64,8 @@ def load(root: Path) -> tuple[Sequence, ...]:
         )
         for video, dat in pairs
     )
+    warn_of_videos_without_truth(root, videos, found, "a .dat of the same name")
+    return found
 
 
 def missing(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -23,7 +23,14 @@ import numpy as np
 from mien.arrays import Array
 from mien.errors import MienError, require
 from mien.evaluation.datasets import buft
-from mien.evaluation.datasets.sequence import Sequence, Truth, found_in, require_finite, require_frames
+from mien.evaluation.datasets.sequence import (
+    Sequence,
+    Truth,
+    found_in,
+    require_finite,
+    require_frames,
+    warn_of_videos_without_truth,
+)
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.video import VIDEO_SUFFIXES
@@ -37,13 +44,15 @@ size, by a camera with twice the numbers, and averaged."""
 
 
 def load(root: Path) -> tuple[Sequence, ...]:
-    """Load all sequences of a folder: videos that have a `_truth.npz` or a `.dat` of the same name."""
+    """Load all sequences of a folder: videos that have a `_truth.npz` or a `.dat` of the same name. Warns of those that
+    have neither."""
     videos = [p for p in found_in(root, "*") if p.suffix.lower() in VIDEO_SUFFIXES]
     found = [s for video in videos if (s := _sequence(video)) is not None]
     require(
         bool(found),
         f"{root} contains no rendered sequence; it needs NAME.avi with NAME_truth.npz or NAME.dat beside it",
     )
+    warn_of_videos_without_truth(root, videos, found, "NAME_truth.npz or NAME.dat beside it")
     return tuple(found)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from mien.arrays import Array, Mask
-from mien.errors import MienError, require
+from mien.errors import MienError, require, warn
 from mien.evaluation.points12 import count_of_points
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import SCHEMES, Landmarks
@@ -136,6 +136,15 @@ def found_in(root: Path, pattern: str) -> list[Path]:
     puts beside each file on a foreign disk."""
     found = (p for p in root.glob(pattern) if not any(part.startswith(".") for part in p.relative_to(root).parts))
     return sorted(found)
+
+
+def warn_of_videos_without_truth(root: Path, videos: Iterable[Path], sequences: Iterable[Sequence], truth: str) -> None:
+    """Warn of the videos below a folder that became no sequence, as they lack their truth; truth: what it
+    would be."""
+    known = {sequence.video for sequence in sequences}
+    without = [str(video.relative_to(root)) for video in videos if video not in known]
+    if without:
+        warn(f"{root} has no truth for {', '.join(without)}, without which a video is left out; it needs {truth}")
 
 
 def require_frames(truth: int, video: int, source: Path) -> None:
