@@ -28,6 +28,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import Landmarks
+from mien.registry import create_tracker
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, Tracker
 
 FIRST = Landmarks(face68(), "ibug68")
@@ -319,6 +320,25 @@ def test_truth_in_degrees_is_told(
     told = [str(warning.message) for warning in recwarn]
     assert all(text.startswith(f"{tmp_path / 'own.csv'}: its angles vary 5") for text in told)
     assert ["not in degrees" in text for text in told] == [True] * (unit == "degrees")
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (range(FRAMES), []),
+        (range(FRAMES + 3), [f"9 rows and VIDEO has {FRAMES} frames, of which {FRAMES} have a row"]),
+        (range(4), [f"4 rows and VIDEO has {FRAMES} frames, of which 4 have a row"]),
+        (range(2, FRAMES + 2), [f"6 rows and VIDEO has {FRAMES} frames, of which 4 have a row"]),
+    ],
+)
+def test_a_track_from_a_file_with_other_rows_than_there_are_frames_is_told(
+    rows: range, told: list[str], sequence: Sequence, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    lines = "".join(f"{k},{k / 25},1,tracked,0,0,0\n" for k in rows)
+    (tmp_path / "own.csv").write_text(f"frame,timestamp,success,status,pose_Rx,pose_Ry,pose_Rz\n{lines}")
+    run_sequence(create_tracker(f"openface:{tmp_path / 'own.csv'}"), sequence, FIRST)
+    texts = [str(w.message).replace(str(sequence.video), "VIDEO").partition(";")[0] for w in recwarn]
+    assert texts == [f"{tmp_path / 'own.csv'} has {text}" for text in told]
 
 
 def test_timing(sequence: Sequence, tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ class OpenFaceTracker:
         wrong = [c for c in self._table.confidence if not 0 <= c <= 1]
         if wrong:
             raise MienError(f"{path}: the confidence {wrong[0]:g} is not between 0 and 1; correct the column")
+        self.source, self.rows = self._table.source, self._table.index
         self._row_of = {int(i): row for row, i in enumerate(self._table.index) if self._table.tracked[row]}
         self._mm_per_unit = mm_per_unit(Candide.default().vertices())
 

@@ -25,7 +25,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
 from mien.registry import called, checked
-from mien.tracking.abilities import FittedTracker, settings_of
+from mien.tracking.abilities import FittedTracker, ReplayedTracker, settings_of
 from mien.tracking.state import Estimate, Tracker
 from mien.video import list_images, open_video
 
@@ -60,6 +60,7 @@ def run_sequence(
             _require_inside(truth, frame, sequence)
         estimates.append(estimate)
         meshes.append(_mesh(tracker, estimate, sequence.camera_for(frame.width, frame.height)))
+    _warn_of_rows(tracker, sequence, frames)
     track = TrackTable.from_estimates(estimates)
     if not _warn_of_degrees(track, truth, sequence):
         _warn_of_signs(track, truth, sequence)
@@ -159,6 +160,18 @@ def _require_inside(truth: Truth, frame: Frame, sequence: Sequence) -> None:
         f"{sequence.source} has points up to {high[0]:.0f}, {high[1]:.0f} and the images have "
         f"{frame.width}x{frame.height} pixels; the annotation was made on images of another size",
     )
+
+
+def _warn_of_rows(tracker: Tracker, sequence: Sequence, frames: int) -> None:
+    """Warn of a track from a file that has rows of frames that the video does not have, or lacks those of some."""
+    if not isinstance(tracker, ReplayedTracker):
+        return
+    rows, there = set(tracker.rows.tolist()), set(range(frames))
+    if rows != there:
+        warn(
+            f"{tracker.source} has {len(rows)} rows and {sequence.video} has {frames} frames, of which "
+            f"{len(rows & there)} have a row; check that they belong together"
+        )
 
 
 def _warn_of_degrees(track: TrackTable, truth: Truth, sequence: Sequence) -> bool:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from mien.arrays import Array
@@ -58,6 +61,17 @@ class RepeatableTracker(Protocol):
     """A tracker that can start again with what it has learned."""
 
     def again(self) -> Tracker: ...
+
+
+@runtime_checkable
+class ReplayedTracker(Protocol):
+    """A tracker that repeats what a file says.
+
+    source: the file; rows: (n,) indices of the frames of which it says anything.
+    """
+
+    source: Path
+    rows: NDArray[np.intp]
 
 
 def axes_of(tracker: object) -> Axes | None:

@@ -139,8 +139,7 @@ def found_in(root: Path, pattern: str) -> list[Path]:
 
 
 def warn_of_videos_without_truth(root: Path, videos: Iterable[Path], sequences: Iterable[Sequence], truth: str) -> None:
-    """Warn of the videos below a folder that became no sequence, as they lack their truth; truth: what it
-    would be."""
+    """Warn of the videos below a folder that are no sequence, as they lack their truth; truth: what it would be."""
     known = {sequence.video for sequence in sequences}
     without = [str(video.relative_to(root)) for video in videos if video not in known]
     if without:
