@@ -335,6 +335,17 @@ def test_the_report_says_of_no_tracker_that_it_begins_with_landmarks_that_it_may
     assert "every tracker is given the same landmarks of the first frame (truth)" in text
 
 
+def test_the_report_names_the_trackers_that_ignore_the_landmarks_of_the_first_frame(out: Path, tmp_path: Path) -> None:
+    scores = load_scores(out)
+    for trackers, ending in (
+        (("realtime", "mediapipe", "openface:a.csv"), ", which are ignored by mediapipe, openface:a.csv"),
+        (("realtime", "own_mediapipe:Tracker"), ""),
+    ):
+        made = replace(scores, evaluation=replace(scores.evaluation, trackers=trackers), scores=())
+        text = write_report(made, tmp_path, "latex").read_text(encoding="utf-8")
+        assert f"the same landmarks of the first frame (truth){ending}. The protocol" in text
+
+
 @pytest.mark.parametrize(("form", "ending"), [("markdown", "md"), ("latex", "tex"), ("csv", "csv")])
 def test_reports_of_every_format(out: Path, form: str, ending: str) -> None:
     path = write_report(load_scores(out), out, form)

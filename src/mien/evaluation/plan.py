@@ -131,6 +131,11 @@ def replays(tracker: str) -> bool:
     return tracker.partition(":")[0] == "openface"
 
 
+def ignores_landmarks(tracker: str) -> bool:
+    """Whether the tracker makes no use of the landmarks of the first frame that it is given, as it has its own."""
+    return tracker == "mediapipe" or replays(tracker)
+
+
 def evaluation_path(out: Path) -> Path:
     """Path of the description of a results folder."""
     return out / "evaluation.json"

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mien.errors import require
-from mien.evaluation.cells import sequences_of
+from mien.evaluation.cells import listed, sequences_of
 from mien.evaluation.figures import save_figures
 from mien.evaluation.formats import to_csv, to_html, to_latex, to_markdown
-from mien.evaluation.plan import evaluation_path
+from mien.evaluation.plan import evaluation_path, ignores_landmarks
 from mien.evaluation.scores import Scores
 from mien.evaluation.tables import all_tables
 from mien.files import whole_file
@@ -99,11 +99,12 @@ def _title(scores: Scores) -> str:
 def _about(scores: Scores) -> list[str]:
     """The command line, and what all numbers have in common."""
     e = scores.evaluation
+    own = listed(filter(ignores_landmarks, e.trackers))
     return [
         f"`{e.command}`",
         f"mien {e.version}; {sequences_of(e.sequences)}; every tracker is given "
-        f"the same landmarks of the first frame ({e.landmarks}). The protocol of all angles is "
-        f"{scores.protocol.value}.",
+        f"the same landmarks of the first frame ({e.landmarks}){f', which are ignored by {own}' if own else ''}. "
+        f"The protocol of all angles is {scores.protocol.value}.",
     ]
 
 
