@@ -38,7 +38,10 @@ def print_scores(scores: Scores) -> None:
     from mien.evaluation.tables import by_kind, failures, landmarks
 
     console = Console()
-    for table in (by_kind(scores), landmarks(scores), failures(scores)):
+    errors = by_kind(scores)
+    if errors.rows and len(errors.rows) + 1 < len(errors.columns):  # there may be fifteen kinds
+        errors = errors.transposed
+    for table in (errors, landmarks(scores), failures(scores)):
         if table.rows:
             # Truncated names with the same beginning would be indistinguishable.
             columns = [Column(name, overflow="fold") for name in table.columns]

@@ -46,6 +46,7 @@ from mien.evaluation.scores import Score, Scores, load_scores, reliability, spre
 from mien.evaluation.tables import Table
 from mien.geometry.rotation import FACING
 from mien.initialization.landmarks import Landmarks
+from mien.terminal import print_scores
 
 FIRST = Landmarks(face68(), "ibug68")
 
@@ -253,6 +254,26 @@ def test_a_tracker_that_is_always_sure_estimates_no_confidence(
     made = replace(scores, scores=(replace(one, result=replace(one.result, track=lost)),))
     assert [row["gap of confidence (%)"] for row in _rows(tables.calibration(made))] == [gap]
     assert ("Reliability of the confidence" in save_figures(made, tmp_path)) == (gap != NONE)
+
+
+@pytest.mark.parametrize("kinds", [1, 5, 15])
+@pytest.mark.parametrize("trackers", [1, 3, 4])
+def test_a_terminal_of_80_columns_breaks_no_word(
+    trackers: int, kinds: int, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    names = ("realtime", "paper", "mediapipe", "openface:tracks")[:trackers]
+    of_kinds = tuple(f"varying-{k}" for k in range(kinds))
+    scores = load_scores(out)
+    one, *_ = scores.for_tracker("good")
+    every = [(name, kind) for name in names for kind in of_kinds]
+    made = tuple(replace(one, result=replace(one.result, tracker=name, kind=kind)) for name, kind in every)
+    evaluation = replace(scores.evaluation, trackers=names, sequences=of_kinds, kinds_of_sequences=of_kinds)
+    print_scores(replace(scores, evaluation=evaluation, scores=made))
+    errors = capsys.readouterr().out.partition("Landmarks")[0]
+    assert {word for line in errors.splitlines() for word in line.split()} >= {*names, *of_kinds, "lost", "sequences"}
+    assert errors.count(" 0.83 ") == trackers * kinds
+    assert f" 0 of {FRAMES * kinds} " in errors
 
 
 @pytest.mark.parametrize("name", ["paper", "rebased", "sensor"])
@@ -528,12 +549,14 @@ def test_the_rms_is_drawn_in_the_annotated_frames() -> None:
     np.testing.assert_array_equal(np.stack(_annotated_rms(score)), [[1, 3], [1.0, 3.0]])
 
 
-def test_a_data_set_without_poses_has_landmarks_alone(out: Path) -> None:
+def test_a_data_set_without_poses_has_landmarks_alone(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scores = load_scores(out)
     bare = tuple(_without_pose(s.result) for s in scores.scores if s.result.tracker == "shifted")
     made = Scores(scores.evaluation, scores.protocol, tuple(replace(scores.scores[0], result=r) for r in bare), ())
     assert {t.name for t in tables.all_tables(made)} == {"landmarks", "false-movement", "sequences"}
     assert len(save_figures(made, out / "no-pose")) == 2
+    print_scores(made)
+    assert "Rotation error" not in capsys.readouterr().out
 
 
 def _without_pose(result: SequenceResult) -> SequenceResult:

@@ -53,6 +53,12 @@ class Table:
         """The protocol and the note."""
         return f"Protocol: {self.protocol}. {self.note}" if self.protocol else self.note
 
+    @property
+    def transposed(self) -> Table:
+        """The same table with a row for each column."""
+        columns, *rows = zip(self.columns, *self.rows, strict=True)
+        return replace(self, columns=columns, rows=tuple(rows))
+
 
 def all_tables(scores: Scores) -> tuple[Table, ...]:
     """All tables for which there are results, in the order of a report."""
