@@ -10,7 +10,9 @@ TABLE_1 = (
     ("Tran et al. (the paper)", "100", "5.4 ± 2.2", "3.9 ± 1.7", "2.4 ± 1.4", "3.9"),
 )
 """The paper's Table 1 as printed, on the uniform-light set of BUFT: P_s in per cent, E_pan, E_tilt, E_roll,
-E_avg in degrees. The first row's average is as printed; the mean of its three angles is 4.9."""
+E_avg in degrees."""
+AS_PRINTED = "The E_m of La Cascia et al. is as printed; the mean of their three angles is 4.9. "
+"""A remark on `TABLE_1`."""
 
 REBASED_REFERENCES = (
     ("CLM", "4.30", "2.99", "2.58", "3.29"),

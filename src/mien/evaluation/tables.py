@@ -25,7 +25,7 @@ from mien.evaluation.cells import (
     table_1_cells,
 )
 from mien.evaluation.protocols import ANGLE_NAMES, Protocol
-from mien.evaluation.published import REBASED_REFERENCES, TABLE_1
+from mien.evaluation.published import AS_PRINTED, REBASED_REFERENCES, TABLE_1
 from mien.evaluation.scores import (
     Score,
     Scores,
@@ -112,12 +112,14 @@ def published_and_measured(scores: Scores) -> Table | None:
         for tracker, kind, chosen in _by_kind(scores, lambda s: s.has_pose)
     ]
     threshold = f"P_s counts frames whose e_i is at most ({scores.evaluation.lost_deg:g} degrees)². "
-    of_paper = "E is over these frames. " if scores.protocol is Protocol.PAPER else "E is over all frames. "
+    of_paper, remark = "E is over all frames. ", ""
+    if scores.protocol is Protocol.PAPER:
+        of_paper, remark = "E is over these frames. ", AS_PRINTED
     return Table(
         "table1",
         "Published and measured",
         f"{threshold}{of_paper}± is the standard deviation over sequences. "
-        f"Rows of different data sets are not comparable. {coverage_of_buft(scores)}".strip(),
+        f"Rows of different data sets are not comparable. {remark}{coverage_of_buft(scores)}".strip(),
         ("approach", "source", "P_s (%)", "E_pan (°)", "E_tilt (°)", "E_roll (°)", "E_m (°)"),
         tuple(rows),
     )
