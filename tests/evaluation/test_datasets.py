@@ -148,6 +148,17 @@ def test_rendered_reads_the_focal_length(tmp_path: Path) -> None:
             _truth("rendered", tmp_path)
 
 
+@pytest.mark.parametrize("focal", [[500.0, 510.0], []])
+def test_a_truth_file_with_another_number_of_focal_lengths_than_one_is_told(focal: list[float], tmp_path: Path) -> None:
+    exact = tiny.rendered(tmp_path) / "a_uniform1_truth.npz"
+    np.savez(exact, R=head_rotations(angles_deg()), focal=focal)
+    with pytest.raises(MienError) as told:
+        _truth("rendered", tmp_path)
+    assert str(told.value) == (
+        f"{exact}: focal is no focal length in pixels, but {len(focal)} values; write one number, that of all frames"
+    )
+
+
 def test_rendered_without_exact_truth_reads_the_dat(tmp_path: Path) -> None:
     tiny.rendered(tmp_path)
     (tmp_path / "a_uniform1_truth.npz").unlink()

@@ -95,8 +95,13 @@ def _camera(values: Mapping[str, Any], path: Path) -> Camera:
     """The camera with the `focal` of a truth file; `CAMERA` if it has none."""
     if "focal" not in values:
         return CAMERA
+    focal = values["focal"]
+    require(
+        focal.size == 1,
+        f"{path}: focal is no focal length in pixels, but {focal.size} values; write one number, that of all frames",
+    )
     try:
-        return replace(CAMERA, focal_px=float(values["focal"].item()))
+        return replace(CAMERA, focal_px=float(focal.item()))
     except ValueError as e:
         raise MienError(f"{path}: focal is no focal length in pixels ({e}); create the file again") from e
 
