@@ -25,6 +25,7 @@ REALTIME = (DOCS / "realtime.md").read_text(encoding="utf-8")
 EXPLAINED = (DOCS / "method.md").read_text(encoding="utf-8") + REALTIME
 REFERENCES = sorted(set(re.findall(r"`([a-z0-9_/]+)\.py:([A-Za-z0-9_.]+)`", EXPLAINED)))
 SETTINGS = sorted(set(re.findall(r"`([a-z_.]+)` = (-?[0-9.]*[0-9])", REALTIME)))
+TO_CHANGE = re.findall(r"^\| (.+?) \| (`.+) \|$", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.MULTILINE)
 PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 
 
@@ -78,6 +79,16 @@ def test_what_else_a_mechanism_gains_is_that_of_the_ablation() -> None:
     for mechanism, quantity, values, full in said:
         assert ablation[mechanism][quantity] in values.split(" and ")
         assert ablation["full"][quantity] == full
+
+
+@pytest.mark.parametrize("row", TO_CHANGE, ids=lambda row: row[0])
+def test_what_is_to_change_is_there(row: tuple[str, str]) -> None:
+    """Each file or folder is in the package, in the repository, or `there`, in the folder of one that precedes it."""
+    places = [ROOT / "src" / "mien", ROOT]
+    for name in re.findall(r"`([^`]+)`", row[1]):
+        found = [place / name for place in places if (place / name).exists()]
+        assert found, name
+        places.append(found[0] if name.endswith("/") else found[0].parent)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
