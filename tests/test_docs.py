@@ -16,15 +16,20 @@ from typer.main import get_command
 
 import mien
 from mien.cli import app
-from mien.config import RealtimeSettings
+from mien.config import PaperSettings, RealtimeSettings
 from mien.geometry.rotation import FACING, matrix_from_euler
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 REALTIME = (DOCS / "realtime.md").read_text(encoding="utf-8")
-EXPLAINED = (DOCS / "method.md").read_text(encoding="utf-8") + REALTIME
+METHOD = (DOCS / "method.md").read_text(encoding="utf-8")
+EXPLAINED = METHOD + REALTIME
 REFERENCES = sorted(set(re.findall(r"`([a-z0-9_/]+)\.py:([A-Za-z0-9_.]+)`", EXPLAINED)))
-SETTINGS = sorted(set(re.findall(r"`([a-z_.]+)` = (-?[0-9.]*[0-9])", REALTIME)))
+SETTINGS = [
+    (settings, name, value)
+    for settings, text in ((RealtimeSettings(), REALTIME), (PaperSettings(), METHOD))
+    for name, value in sorted(set(re.findall(r"`([a-z_.]+)` = (-?[0-9.]*[0-9])", text)))
+]
 TO_CHANGE = re.findall(r"^\| (.+?) \| (`.+) \|$", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), re.MULTILINE)
 PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 
@@ -54,9 +59,14 @@ def test_every_option_is_explained(command: str, pages: tuple[str, ...]) -> None
     assert {name for name in names if not re.search(rf"{name}\b", text)} <= {"--output", "--quiet"}
 
 
-@pytest.mark.parametrize(("name", "value"), SETTINGS)
-def test_the_setting_has_this_value(name: str, value: str) -> None:
-    assert attrgetter(name)(RealtimeSettings()) == float(value)
+@pytest.mark.parametrize(("settings", "name", "value"), SETTINGS)
+def test_the_setting_has_this_value(settings: object, name: str, value: str) -> None:
+    assert attrgetter(name)(settings) == float(value)
+
+
+def test_the_page_on_the_paper_states_its_defaults() -> None:
+    stated = {name for settings, name, _ in SETTINGS if isinstance(settings, PaperSettings)}
+    assert stated >= {"descriptor.cell", "forgetting"}
 
 
 def test_contributions_are_those_of_the_ablation() -> None:
