@@ -15,6 +15,7 @@ import pytest
 from mien.arrays import Pixels
 from mien.errors import MienWarning
 from mien.video import open_video
+from mien.video.file import VideoFile
 from videos import frames_of, gradient, turn_by_metadata, write_video
 
 
@@ -48,6 +49,33 @@ def test_variable_frame_rate_keeps_the_true_times(tmp_path: Path) -> None:
     times = [0, 40, 50, 200, 1000, 1033]
     path = write_video(tmp_path / "vfr.mkv", [gradient(i) for i in range(6)], times_ms=times)
     np.testing.assert_allclose([f.time for f in frames_of(path)], np.array(times) / 1000, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "how"),
+    [
+        ("x.avi", "libx264", {"bf": "3", "b_strategy": "0"}),
+        ("x.avi", "libx264", {"x264-params": "bframes=8:b-pyramid=0"}),
+        ("x.avi", "mpeg4", {"bf": "2", "g": "300", "qmax": "2"}),
+        ("x.asf", "libx264", {"bf": "3", "b_strategy": "0"}),
+    ],
+)
+def test_images_come_regularly_where_only_decoding_has_time_stamps(
+    name: str, codec: str, how: dict[str, str], tmp_path: Path
+) -> None:
+    """They are not shown in the order in which they are decoded; without a warning that some are missing."""
+    images = [gradient(k) for k in range(40)]
+    path = write_video(tmp_path / name, images, codec=codec, pix_fmt="yuv420p", options=how)
+    frames, video = frames_of(path), open_video(path)
+    assert isinstance(video, VideoFile)
+    np.testing.assert_allclose(np.diff([f.time for f in frames]), 1 / 25, atol=1.1e-3)
+    assert frames[0].time <= 0.08
+    np.testing.assert_allclose([f.pixels[..., 2].mean() for f in frames], [10 * k % 256 for k in range(40)], atol=9)
+    for first, last in ((0, 4), (20, 22), (35, 39)):
+        again = list(video.between(frames[first].time, frames[last].time))
+        assert [f.time for f in again] == [f.time for f in frames[first : last + 1]]
+        for frame, known in zip(again, frames[first:], strict=False):
+            np.testing.assert_array_equal(frame.pixels, known.pixels)
 
 
 def test_rotation_metadata_is_honoured(tmp_path: Path) -> None:

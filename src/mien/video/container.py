@@ -16,6 +16,9 @@ VIDEO_SUFFIXES = (
     ".ogv", ".ts", ".vob", ".webm", ".wmv",
 )  # fmt: skip
 """What counts as a video when a folder is searched; a file given by name may have any suffix."""
+DTS_ONLY = ("asf", "avi")
+"""Formats with decoding time stamps (DTS), but no presentation time stamps (PTS). What FFmpeg takes for the latter is
+wrong where images are not shown in the order in which they are decoded."""
 
 
 def open_container(path: Path) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 from mien.errors import require, warn
 from mien.frame import Decoded, Display, Frame
 from mien.video.clock import Clock
-from mien.video.container import decoded_images, open_container, packets_from, shown_stream
+from mien.video.container import DTS_ONLY, decoded_images, open_container, packets_from, shown_stream
 from mien.video.folder import FOLDER_FPS
 from mien.video.quantizer import quantizer_step
 from mien.video.scaling import same_size
@@ -36,7 +36,7 @@ class VideoFile:
 
     begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height; may_jump: whether
     the container format allows files to be concatenated, so that time may jump back; exact: whether the duration is
-    certainly not that of the sound.
+    certainly not that of the sound; dts_only: whether the format is one of `DTS_ONLY`.
     """
 
     path: Path
@@ -47,6 +47,7 @@ class VideoFile:
     aspect: float = 1.0
     may_jump: bool = False
     exact: bool = False
+    dts_only: bool = False
 
     repeatable = True
     stopped = None
@@ -81,12 +82,13 @@ class VideoFile:
 
         Decoding starts at the key frame before `begin`; in some containers seeking misses it, and frames are missing.
         """
-        display = Display(partial(quantizer_step, self.path))
+        display, clock = Display(partial(quantizer_step, self.path)), Clock(self.name, math.nan)
         for image in decoded_images(self.path, begin):
-            if image is None or image.time is None or image.time > until:
+            time = math.nan if image is None else clock.time_of(*self._stated(image))
+            if not time <= until:
                 return
-            if image.time >= begin:
-                yield Frame(Decoded(image, display, self.aspect), time=float(image.time))
+            if time >= begin:
+                yield Frame(Decoded(image, display, self.aspect), time=time)
 
     def _frames(self) -> Iterator[Frame]:
         display = Display(partial(quantizer_step, self.path))
@@ -95,8 +97,7 @@ class VideoFile:
             if image is None:
                 incomplete = True
                 continue
-            duration = float(image.duration * image.time_base) if image.duration else 1 / self.fps
-            time = clock.time_of(None if image.time is None else float(image.time), duration)
+            time = clock.time_of(*self._stated(image))
             # Not by the errors that libav logs: sound recordings that begin between two key frames have many.
             if image.is_corrupt and not invented:
                 invented = True
@@ -117,6 +118,15 @@ class VideoFile:
         elif self.may_jump and clock.missing > _MISSING_S:
             where = f"the first after {clock.missing_from:.2f} s"
             warn(f"{self.path}: {clock.missing:.2f} s of it have no frames, {where}; it may be damaged, or cut")
+
+    def _stated(self, image: Any) -> tuple[float | None, float]:
+        """When an image is shown, None if that is not stated, and for how long, in seconds."""
+        if self.dts_only:  # that of the packet with which an image came: they come in the order in which they are shown
+            ticks, duration = image.dts, 0
+        else:
+            ticks, duration = image.pts, image.duration
+        time = None if ticks is None else float(ticks * image.time_base)
+        return time, float(duration * image.time_base) if duration else 1 / self.fps
 
     def _ends_early(self, count: int, until: float) -> bool:
         """Whether frames are missing after `until`."""
@@ -143,7 +153,8 @@ def open_file(path: Path) -> VideoFile:
         aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
         exact = matroska and (tagged is not None or len(container.streams) == 1)
-        return VideoFile(path, fps, float(begin), float(length), int(stream.frames), aspect, may_jump, exact)
+        frames, dts_only = int(stream.frames), container.format.name in DTS_ONLY
+        return VideoFile(path, fps, float(begin), float(length), frames, aspect, may_jump, exact, dts_only)
 
 
 def _tagged_end(stream: Any) -> float | None:
