@@ -6,6 +6,8 @@ import math
 
 from mien.errors import warn
 
+_DECIMALS = 6
+"""Two frames have different times if tables, which have so many decimals of a second, tell them apart."""
 _JUMP_S = 1.0
 """A backward step in time larger than this means that files were joined, or that a clock was set; a smaller one is a
 single wrong time stamp."""
@@ -35,6 +37,7 @@ class Clock:
         if math.isfinite(self.time) and stamp - self.until > 0.5 * duration:
             self.missing_from = self.missing_from if self.missing else self.until
             self.missing += stamp - self.until
-        self.time = stamp if stamp > self.time else self.until
+        later = round(stamp, _DECIMALS) > round(self.time, _DECIMALS)
+        self.time = stamp if later else self.until
         self.until = self.time + duration
         return self.time
