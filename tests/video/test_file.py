@@ -216,6 +216,19 @@ def test_the_rate_of_a_clock_is_no_frame_rate(tmp_path: Path, step_ms: int, fps:
     assert [frame.time for frame in frames_of(file)] == pytest.approx([t / 1000 for t in times])
 
 
+@pytest.mark.parametrize("codec", ["ffv1", "libx264"])
+def test_a_clock_whose_ticks_are_counted_as_frames_leaves_none_out(codec: str, tmp_path: Path) -> None:
+    """As in an AVI into which another file was copied: most of its frames are empty."""
+    times, pix_fmt = [0, 120, 160, *range(200, 1360, 40), 2000], "bgr0" if codec == "ffv1" else "yuv420p"
+    how = {} if codec == "ffv1" else {"bf": "0"}
+    images = [gradient(k) for k in range(len(times))]
+    path = write_video(tmp_path / "x.avi", images, codec=codec, pix_fmt=pix_fmt, options=how, times_ms=times, fps=1000)
+    assert [frame.time for frame in frames_of(path)] == pytest.approx([t / 1000 for t in times])
+    video = open_video(path)
+    assert video.fps == pytest.approx(25)
+    assert video.frame_count == pytest.approx(2.0 * 25, abs=1)  # by its duration
+
+
 def test_frames_missing_from_the_middle_are_told_where_nothing_else_tells(tmp_path: Path) -> None:
     whole, cut = tmp_path / "whole.ts", tmp_path / "cut.ts"
     write_video(whole, [gradient(i) for i in range(60)], codec="mpeg2video", pix_fmt="yuv420p")

@@ -141,11 +141,14 @@ def open_file(path: Path) -> VideoFile:
     """A video file with what its header states. Raises MienError if it is not a video."""
     with open_container(path) as container:
         stream = shown_stream(container)
-        fps = _rate(container, stream)
+        stated = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
+        fps = _rate(container, stated)
+        # Where the header counts the ticks of a clock as frames, it does so in the number of frames as well.
+        declared = int(stream.frames) if fps > 0.9 * stated else 0
         begin = stream.start_time * stream.time_base if stream.start_time else 0.0
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
-            length = stream.frames / fps
+            length = stream.frames / stated
         matroska, tagged = "matroska" in container.format.name, _tagged_end(stream)
         if matroska:  # its duration is the end time of the last frame, or of the sound if that is longer
             length = max((tagged or length) - begin, 0)
@@ -153,8 +156,8 @@ def open_file(path: Path) -> VideoFile:
         aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
         exact = matroska and (tagged is not None or len(container.streams) == 1)
-        frames, dts_only = int(stream.frames), container.format.name in DTS_ONLY
-        return VideoFile(path, fps, float(begin), float(length), frames, aspect, may_jump, exact, dts_only)
+        dts_only = container.format.name in DTS_ONLY
+        return VideoFile(path, fps, float(begin), float(length), declared, aspect, may_jump, exact, dts_only)
 
 
 def _tagged_end(stream: Any) -> float | None:
@@ -164,9 +167,8 @@ def _tagged_end(stream: Any) -> float | None:
     return None if parts is None else 3600 * float(parts[1]) + 60 * float(parts[2]) + float(parts[3])
 
 
-def _rate(container: Any, stream: Any) -> float:
+def _rate(container: Any, stated: float) -> float:
     """Frames per second as the header states them; if they are too many to be believed, as the first frames show."""
-    stated = float(stream.average_rate or stream.guessed_rate or FOLDER_FPS)
     if stated <= _FASTEST:
         return stated
     packets = itertools.islice(packets_from(container), _FIRST_PACKETS)
