@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from mien.arrays import Pixels
-from mien.errors import MienWarning
-from mien.video import open_video
+from mien.errors import MienError, MienWarning
+from mien.video import decode_frame, open_video, select
 from mien.video.file import VideoFile
 from videos import frames_of, gradient, turn_by_metadata, write_video
 
@@ -158,25 +158,59 @@ def test_a_file_that_lacks_half_a_second_at_its_end_is_said_to_be_truncated(tmp_
         assert 85 < len(list(open_video(cut))) < 89
 
 
-def test_a_file_is_whole_where_its_sound_is_longer(tmp_path: Path) -> None:
+def _with_sound(path: Path, first: int, last: int, seconds: int) -> Path:
+    """A file with sound for so many seconds, and images, 25 a second, from the first to before the last of these."""
     rng = np.random.default_rng(0)
-    whole, cut = tmp_path / "whole.mkv", tmp_path / "cut.mkv"
-    with av.open(str(whole), "w") as container:
+    with av.open(str(path), "w") as container:
         stream, sound = container.add_stream("ffv1", 25), container.add_stream("pcm_s16le", 8000, layout="mono")
         stream.height, stream.width, stream.pix_fmt = 48, 64, "bgr0"
-        for k in range(8):
-            for _ in range(25 if k < 4 else 0):
+        for k in range(seconds):
+            for index in range(25 * k, 25 * (k + 1) if first <= k < last else 0):
                 image = av.VideoFrame.from_ndarray(rng.integers(0, 255, (48, 64, 3), np.uint8), format="rgb24")
+                image.pts, image.time_base = index, Fraction(1, 25)
                 container.mux(stream.encode(image))
             samples = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), layout="mono")
             samples.sample_rate = 8000
             container.mux(sound.encode(samples))
         for one in (stream, sound):
             container.mux(one.encode())
+    return path
+
+
+def test_a_file_is_whole_where_its_sound_is_longer(tmp_path: Path) -> None:
+    whole, cut = _with_sound(tmp_path / "whole.mkv", 0, 4, 8), tmp_path / "cut.mkv"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     assert open_video(whole).frame_count == len(frames_of(whole)) == 100
     with pytest.warns(MienWarning, match=r"cut\.mkv is truncated or damaged"):
         assert 30 < len(list(open_video(cut))) < 70
+
+
+def test_a_video_whose_sound_starts_earlier_keeps_its_place_in_it(tmp_path: Path) -> None:
+    path = _with_sound(tmp_path / "late.mkv", 2, 4, 4)
+    assert [frame.time for frame in frames_of(path)] == pytest.approx(np.arange(50, 100) / 25)
+    assert open_video(path).begin == 2
+    assert open_video(path).frame_count == 50
+    with pytest.raises(MienError, match=r"no frame before 1 s; the next is at 2 s"):
+        list(select(open_video(path), end=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "late_ms"),
+    [("x.mts", "libx264", 1400), ("x.mp4", "libx264", 2000), ("x.mkv", "ffv1", 3_600_000)],
+)
+def test_times_count_from_where_a_file_starts(name: str, codec: str, late_ms: int, tmp_path: Path) -> None:
+    """Its time stamps begin later."""
+    pix_fmt, times = "bgr0" if codec == "ffv1" else "yuv420p", range(late_ms, late_ms + 2000, 40)
+    path = write_video(tmp_path / name, [gradient(k) for k in range(50)], codec=codec, pix_fmt=pix_fmt, times_ms=times)
+    with av.open(str(path)) as container:
+        assert container.start_time >= 1_000_000
+    frames, video = frames_of(path), open_video(path)
+    assert frames[0].time == video.begin == 0
+    assert [frame.time for frame in frames] == pytest.approx(np.arange(50) / 25)
+    assert video.frame_count == 50
+    assert [frame.index for frame in select(video, start=0.4, end=1)] == list(range(10, 25))
+    again = decode_frame(video, frames[0], 30, frames[30].time)
+    np.testing.assert_array_equal(again.pixels, frames[30].pixels)
 
 
 @pytest.mark.parametrize(("aspect", "size"), [("2/1", (128, 48)), ("1/2", (64, 96)), ("1/100", (64, 48))])

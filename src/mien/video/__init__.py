@@ -1,8 +1,8 @@
 """Sources of frames: a file, a folder of images, a camera, or frames that a program reads itself.
 
-Times are the container's time stamps in seconds, even if the frame rate varies. Every frame becomes 8-bit RGB with
-square pixels, rotated and mirrored as the container says. A frame whose size differs from that of the first is scaled
-to fit it, with black borders and a warning. Frames are decoded one at a time.
+Times are the container's time stamps in seconds since its start, even if the frame rate varies. Every frame becomes
+8-bit RGB with square pixels, rotated and mirrored as the container says. A frame whose size differs from that of the
+first is scaled to fit it, with black borders and a warning. Frames are decoded one at a time.
 
 The rest of mien imports these names from here, whichever file they are in.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -51,11 +52,19 @@ def shown_stream(container: Any) -> Any:
     return best if best in streams else next(iter(streams), None)
 
 
+def start_of(container: Any) -> Fraction:
+    """Seconds at which a file starts, with its video or its sound, from which times are counted, as players do; 0 if it
+    states none, or a negative one."""
+    stated = Fraction(max(container.start_time or 0, 0), 1_000_000)
+    starts = (stream.start_time * stream.time_base for stream in container.streams if stream.start_time)
+    return next((start for start in starts if abs(start - stated) < 1e-6), stated)  # FFmpeg rounds it
+
+
 def decoded_images(
     path: Path, begin: float | None = None, threads: str = "AUTO", options: Mapping[str, str] | None = None
 ) -> Iterator[Any]:
     """Images as PyAV decodes them, with None for a damaged packet, from the beginning or from the key frame before
-    `begin` (seconds). threads, options: of the decoder."""
+    `begin` (seconds since the file's start). threads, options: of the decoder."""
     import av
 
     with open_container(path) as container:
@@ -74,13 +83,13 @@ def decoded_images(
 
 def packets_from(container: Any, begin: float | None = None) -> Iterator[Any]:
     """The packets of the video that is shown, with None for a damaged one, from the beginning or from the key frame
-    before `begin` (seconds)."""
+    before `begin` (seconds since the file's start)."""
     import av
 
     stream = shown_stream(container)
     try:
         if begin is not None:
-            container.seek(math.floor(begin / stream.time_base), stream=stream)
+            container.seek(math.floor((begin + start_of(container)) / stream.time_base), stream=stream)
         yield from container.demux(stream)
     except (av.error.EOFError, IndexError):  # at its end PyAV may stumble over streams that began after the first
         return

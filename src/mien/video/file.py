@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, partial
 from pathlib import Path
 from statistics import median
@@ -15,7 +16,7 @@ from typing import Any
 from mien.errors import require, warn
 from mien.frame import Decoded, Display, Frame
 from mien.video.clock import Clock
-from mien.video.container import DTS_ONLY, decoded_images, open_container, packets_from, shown_stream
+from mien.video.container import DTS_ONLY, decoded_images, open_container, packets_from, shown_stream, start_of
 from mien.video.folder import FOLDER_FPS
 from mien.video.quantizer import quantizer_step
 from mien.video.scaling import same_size
@@ -36,7 +37,7 @@ class VideoFile:
 
     begin, duration: seconds; declared: number of frames; aspect: width of a pixel over its height; may_jump: whether
     the container format allows files to be concatenated, so that time may jump back; exact: whether the duration is
-    certainly not that of the sound; dts_only: whether the format is one of `DTS_ONLY`.
+    certainly not that of the sound; dts_only: whether the format is one of `DTS_ONLY`; start: seconds, see `start_of`.
     """
 
     path: Path
@@ -48,6 +49,7 @@ class VideoFile:
     may_jump: bool = False
     exact: bool = False
     dts_only: bool = False
+    start: Fraction = Fraction(0)
 
     repeatable = True
     stopped = None
@@ -125,7 +127,7 @@ class VideoFile:
             ticks, duration = image.dts, 0
         else:
             ticks, duration = image.pts, image.duration
-        time = None if ticks is None else float(ticks * image.time_base)
+        time = None if ticks is None else float(ticks * image.time_base - self.start)
         return time, float(duration * image.time_base) if duration else 1 / self.fps
 
     def _ends_early(self, count: int, until: float) -> bool:
@@ -145,19 +147,20 @@ def open_file(path: Path) -> VideoFile:
         fps = _rate(container, stated)
         # Where the header counts the ticks of a clock as frames, it does so in the number of frames as well.
         declared = int(stream.frames) if fps > 0.9 * stated else 0
-        begin = stream.start_time * stream.time_base if stream.start_time else 0.0
+        start = start_of(container)
+        begin = float(stream.start_time * stream.time_base - start) if stream.start_time else 0.0
         length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) * 1e-6
         if container.format.name == "avi" and stream.frames:  # FFmpeg shortens the duration of a truncated file
             length = stream.frames / stated
         matroska, tagged = "matroska" in container.format.name, _tagged_end(stream)
         if matroska:  # its duration is the end time of the last frame, or of the sound if that is longer
-            length = max((tagged or length) - begin, 0)
+            length = max((tagged or length) - start - begin, 0)
         aspect = float(stream.sample_aspect_ratio or 1)
         aspect = aspect if 1 / _MAXIMUM_ASPECT <= aspect <= _MAXIMUM_ASPECT else 1.0
         may_jump = not (stream.frames or matroska)
         exact = matroska and (tagged is not None or len(container.streams) == 1)
         dts_only = container.format.name in DTS_ONLY
-        return VideoFile(path, fps, float(begin), float(length), declared, aspect, may_jump, exact, dts_only)
+        return VideoFile(path, fps, begin, float(length), declared, aspect, may_jump, exact, dts_only, start)
 
 
 def _tagged_end(stream: Any) -> float | None:
