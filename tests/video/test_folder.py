@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 import sys
 import zlib
@@ -107,6 +108,26 @@ def test_broken_image_of_a_folder_is_left_out_and_keeps_its_place(tmp_path: Path
     with pytest.warns(MienWarning, match=r"b.png is not a readable image"):
         frames = list(open_video(tmp_path))
     assert [f.index for f in frames] == [0, 2]
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("kind", [np.int32, np.float32, np.float64])
+def test_an_image_of_32_bits_or_more_is_to_be_converted(
+    kind: type, channels: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(tmp_path / "b.png"), gradient(1))
+    cv2.imwrite(str(tmp_path / "a.tif"), np.ones((48, 64, channels), kind))
+    with pytest.warns(MienWarning, match=r"a\.tif has (32|64) bits per channel, .*; convert it to 8 or 16 bits"):
+        assert [f.index for f in open_video(tmp_path)] == [1]
+    assert not re.search(r"\[ *(WARN|ERROR)", capfd.readouterr().err)
+
+
+def test_opencv_logs_nothing_of_a_broken_image(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), gradient(1))
+    (tmp_path / "b.png").write_bytes((tmp_path / "a.png").read_bytes()[:60])
+    with pytest.warns(MienWarning, match=r"b\.png is not a readable image and was skipped"):
+        assert [f.index for f in open_video(tmp_path)] == [0]
+    assert not re.search(r"\[ *(WARN|ERROR)", capfd.readouterr().err)
 
 
 def test_an_image_that_states_an_impossible_size_is_left_out(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from mien.errors import require, warn
 from mien.files import printable, real_path
 from mien.frame import Frame
 from mien.video.container import VIDEO_SUFFIXES
+from mien.video.opencv_log import opencv_silenced
 from mien.video.scaling import same_size
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
@@ -62,7 +63,7 @@ class ImageFolder:
         for index, file in enumerate(self.images):
             image = _read_image(file)
             if image is None:
-                warn(f"{file} is not a readable image and was skipped")
+                warn(f"{file} {_why_unread(file)}")
                 continue
             if image.dtype == np.uint16:
                 image = _eight_bit(image, self._bits)
@@ -104,7 +105,8 @@ def _warn_of_others(path: Path, images: list[Path], videos: int, batch: str) -> 
 def _count_in(file: Path) -> int:
     """Number of images in a file; 1 for a name that is not valid UTF-8, at which OpenCV would crash."""
     name = str(file)
-    return int(cv2.imcount(name)) if printable(name) == name else 1
+    with opencv_silenced():
+        return int(cv2.imcount(name)) if printable(name) == name else 1
 
 
 def _warn_of_gap(path: Path, images: list[Path]) -> None:
@@ -148,6 +150,23 @@ def _natural_order(path: Path) -> list[tuple[int, str]]:
 
 def _read_image(file: Path) -> Any:
     """An image (H, W, 3) in BGR, uint8 or uint16, upright as its metadata says; None if it cannot be read."""
+    image = _decoded(file, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if image is None or image.dtype.itemsize > 2:
+        return None
+    return image if image.dtype in (np.uint8, np.uint16) else _decoded(file, cv2.IMREAD_COLOR)
+
+
+def _why_unread(file: Path) -> str:
+    """Why an image was not read, and what helps, as the end of a sentence."""
+    image = _decoded(file, cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype.itemsize <= 2:
+        return "is not a readable image and was skipped"
+    bits = 8 * image.dtype.itemsize
+    return f"has {bits} bits per channel, which mien does not read, and was skipped; convert it to 8 or 16 bits"
+
+
+def _decoded(file: Path, how: int) -> Any:
+    """An image as OpenCV decodes it with these flags; None if it does not."""
     try:
         data = np.fromfile(file, np.uint8)
     except OSError:
@@ -155,9 +174,8 @@ def _read_image(file: Path) -> Any:
     if not data.size:
         return None
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-        known = image is None or image.dtype in (np.uint8, np.uint16)
-        return image if known else cv2.imdecode(data, cv2.IMREAD_COLOR)
+        with opencv_silenced():
+            return cv2.imdecode(data, how)
     except cv2.error:  # it states a size that no image has
         return None
 

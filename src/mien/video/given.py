@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from mien.errors import require, warn
 from mien.frame import Frame
 from mien.video.clock import Clock
+from mien.video.opencv_log import opencv_silenced
 from mien.video.scaling import same_size
 
 _USUAL_FPS = 30.0
@@ -50,13 +50,8 @@ class CameraDevice:
     def __iter__(self) -> Iterator[Frame]:
         missing = f"camera {self.number} cannot be opened; check that it is connected"
         require(abs(self.number) <= _LARGEST, missing)
-        log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, else OpenCV 4
-        level = log.getLogLevel()
-        log.setLogLevel(0)  # the error below replaces OpenCV's messages
-        try:
+        with opencv_silenced():
             device = cv2.VideoCapture(self.number)
-        finally:
-            log.setLogLevel(level)
         try:
             require(device.isOpened(), missing)
             first = now = 0.0
