@@ -90,6 +90,18 @@ def test_a_camera_of_images_of_another_size_is_warned_of(
         assert read_camera(file, (320, 240)).focal_px == 500
 
 
+@pytest.mark.parametrize("name", ["image_width", "image_height"])
+@pytest.mark.parametrize("stated", ["a", -3, 0, float("nan"), float("inf"), [640]])
+def test_a_size_that_no_image_has_is_named(stated: Any, name: str, tmp_path: Path) -> None:
+    for numbers in ({"focal_px": 500, "cx": 160, "cy": 120}, {"camera_matrix": K}):
+        (tmp_path / "c.json").write_text(json.dumps({"image_width": 640, "image_height": 480, **numbers, name: stated}))
+        for size in (None, (640, 480)):
+            with pytest.raises(
+                MienError, match=rf"c\.json: {name} is .*; give image_width and image_height as positive"
+            ):
+                read_camera(tmp_path / "c.json", size)
+
+
 @pytest.mark.parametrize("distortion", [[-0.3, 0.1, 0, 0], {"data": [-0.3, 0.1, 0, 0, 0]}])
 def test_a_calibration_with_distortion_is_refused(distortion: Any, tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion}))

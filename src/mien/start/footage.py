@@ -164,8 +164,9 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8-sig"))
+        stated = _size_stated(values)
         if size:
-            warn_of_another_size(f"{path} has the camera", _size_stated(values), size, "scale its numbers alike")
+            warn_of_another_size(f"{path} has the camera", stated, size, "scale its numbers alike")
         if "camera_matrix" in values:
             return _calibrated(values)
         values = values.get("camera", values)
@@ -188,9 +189,21 @@ def _size_stated(values: Mapping[str, Any]) -> Mapping[str, Any]:
     """A JSON with the size of its images where a NAME.json has it, also if it has it as a calibration does."""
     if "video" in values:
         return values
-    stated = (values.get(name) for name in ("image_width", "image_height"))
-    width, height = (None if number is None else round(float(number)) for number in stated)
+    width, height = (_pixels(values.get(name), name) for name in ("image_width", "image_height"))
     return {"video": {"width": width, "height": height}}
+
+
+def _pixels(stated: Any, name: str) -> int | None:
+    """A number of pixels that a file states under this name, None if it does not. Raises MienError if it is none."""
+    try:
+        number = None if stated is None else round(float(stated))
+    except (TypeError, ValueError, OverflowError):
+        number = 0
+    require(
+        number is None or number > 0,
+        f"{name} is {stated!r}; give image_width and image_height as positive numbers of pixels, or omit both",
+    )
+    return number
 
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:
