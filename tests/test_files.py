@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from datetime import datetime
 from pathlib import Path
 
@@ -40,6 +41,16 @@ def test_a_name_that_is_too_long_is_refused_before_anything_is_done(tmp_path: Pa
     with pytest.raises(MienError, match=r"cannot be written \(file name too long\); choose a shorter name"):
         require_writable(tmp_path / f"{'n' * 248}.parquet")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with a name")
+def test_what_is_neither_file_nor_folder_is_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mp4")
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "pipe.mp4")
+    for name in ("pipe.mp4", "link.mp4"):
+        with pytest.raises(MienError, match=rf"{name} is a pipe or a device; give the name of a file"):
+            require_writable(tmp_path / name)
+    assert (tmp_path / "pipe.mp4").is_fifo()
 
 
 def test_lists_of_numbers_stand_on_one_line_and_strings_stay_as_they_are() -> None:

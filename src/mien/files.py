@@ -64,7 +64,7 @@ def create_temporary(path: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Create the folder of `path`; raise MienError if a file cannot be written there."""
+    """Create the folder of `path`; raise MienError if a file cannot be written there, or would replace what is none."""
     try:
         create_temporary(path).unlink()
         with suppress(FileNotFoundError):
@@ -73,6 +73,7 @@ def require_writable(path: Path) -> None:
         what = "a shorter name" if error.errno == errno.ENAMETOOLONG else "another place"
         raise MienError(f"{path} cannot be written ({reason_of(error)}); choose {what}") from error
     require(not path.is_dir(), f"{path} is a folder; give the name of a file")
+    require(path.is_file() or not exists(path), f"{path} is a pipe or a device; give the name of a file")
 
 
 def require_ending(path: Path, endings: tuple[str, ...]) -> Path:
