@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -777,6 +778,19 @@ def test_compiled_code_can_be_interrupted(
 
     monkeypatch.setattr(RealtimeTracker, "initialize", begin)
     assert mien("track", video, "-o", "other.csv", "--landmarks", marks).status == 130
+
+
+@pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOMEM])
+def test_where_memory_or_processes_are_short_no_file_is_blamed(
+    number: int, mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("mien.pipeline.landmarks.prepare", refuse)
+    result = mien("landmarks", video)
+    assert result.status == 2
+    assert f"mien: memory or processes are short ({os.strerror(number)}); close other programs" in result.err
 
 
 def test_an_import_can_be_interrupted(mien: Command, video: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,13 +47,21 @@ class _Group(TyperGroup):
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise
-            print_error(f"mien: {error.filename or 'a file'} cannot be read or written ({error.strerror or error})")
+            print_error(f"mien: {_refused(error)}")
             raise typer.Exit(BAD_INPUT) from error
         except (KeyboardInterrupt, SystemError, RuntimeError) as error:
             if not isinstance(interruption(error), KeyboardInterrupt):
                 raise
             print_error("mien: interrupted")
             raise typer.Exit(INTERRUPTED) from error
+
+
+def _refused(error: OSError) -> str:
+    """What the system has refused, as a sentence."""
+    why = error.strerror or error
+    if error.errno in (errno.EAGAIN, errno.ENOMEM):
+        return f"memory or processes are short ({why}); close other programs, or raise the limits of this one"
+    return f"{error.filename or 'a file'} cannot be read or written ({why})"
 
 
 app = typer.Typer(
