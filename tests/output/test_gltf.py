@@ -151,6 +151,14 @@ def test_a_face_that_looks_into_the_camera_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(head["translation"], [0.05, 0.025, -0.9], atol=FLOAT)
 
 
+def test_every_face_of_a_video_has_names_of_its_own(tmp_path: Path) -> None:
+    """Else a program renames those of the second face. The first has no number."""
+    for face_id, number in ((0, ""), (1, "1"), (12, "12")):
+        content = played(Track.from_estimates([estimate(0)], FACE | {"face_id": face_id}), tmp_path).content
+        names = [part["name"] for kind in ("nodes", "meshes", "animations") for part in content[kind]]
+        assert names == [f"head{number}", f"camera{number}", f"face{number}", f"track{number}"]
+
+
 def test_normals_are_of_unit_length_and_point_out_of_the_face(tmp_path: Path) -> None:
     shown = played(Track.from_estimates([estimate(0)], FACE), tmp_path)
     normals = shown.values(shown.primitive["attributes"]["NORMAL"])

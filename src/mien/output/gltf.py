@@ -72,18 +72,20 @@ def write_gltf(track: Track, path: Path) -> None:
     R = FACING @ matrix_from_euler(np.radians(track.euler_deg[known])) @ FACING
     keys = {"translation": _MM * t[known] @ FACING, "rotation": _quaternions(R), "weights": weights.ravel()}
     buffer = _Buffer()
+    number = track.metadata.get("face_id") or ""  # several heads in a scene need names of their own
     content = {
         "asset": {"version": "2.0", "generator": f"mien {__version__}"},
         "scene": 0,
         "scenes": [{"nodes": [0, 1]}],
         "nodes": [
-            {"name": "head", "mesh": 0} | {name: keys[name][0].tolist() for name in ("translation", "rotation")},
-            {"name": "camera", "camera": 0},
+            {"name": f"head{number}", "mesh": 0}
+            | {name: keys[name][0].tolist() for name in ("translation", "rotation")},
+            {"name": f"camera{number}", "camera": 0},
         ],
-        "meshes": [_mesh(buffer, vertices, targets)],
+        "meshes": [{"name": f"face{number}", **_mesh(buffer, vertices, targets)}],
         "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.8}}],
         "cameras": [_camera(track.metadata, path)],
-        "animations": [_animation(buffer, time[known], keys)],
+        "animations": [{"name": f"track{number}", **_animation(buffer, time[known], keys)}],
     }
     with whole_file(path) as file:
         file.write_bytes(_container(content | buffer.description, buffer.content))
@@ -159,7 +161,7 @@ def _mesh(buffer: _Buffer, vertices: Array, targets: Mapping[str, Array]) -> dic
         "targets": [{"POSITION": buffer.add(_MM * moved, _OF_VERTICES)} for moved in targets.values()],
     }
     names = {"targetNames": list(targets)}  # where Blender, Unity and three.js look for them
-    return {"name": "face", "primitives": [primitive], "weights": [0.0] * len(targets), "extras": names}
+    return {"primitives": [primitive], "weights": [0.0] * len(targets), "extras": names}
 
 
 def _animation(buffer: _Buffer, time: Array, keys: Mapping[str, Array]) -> dict[str, Any]:
@@ -167,7 +169,7 @@ def _animation(buffer: _Buffer, time: Array, keys: Mapping[str, Array]) -> dict[
     begin = buffer.add(time)
     samplers = [{"input": begin, "output": buffer.add(values)} for values in keys.values()]
     channels = [{"sampler": k, "target": {"node": 0, "path": name}} for k, name in enumerate(keys)]
-    return {"name": "track", "samplers": samplers, "channels": channels}
+    return {"samplers": samplers, "channels": channels}
 
 
 def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
