@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from mien._version import __version__
 from mien.arrays import Array
@@ -24,6 +25,9 @@ from mien.output.gltf import is_gltf_of_mien
 from mien.output.track import Track
 from mien.tracking.state import Closing, Estimate, Status
 
+SURFACES = Candide.default(168).triangles
+SHOWN = np.unique(SURFACES)
+"""The vertices of a track that are corners of a surface, as those of a file are."""
 CAMERA, SIZE = Camera.from_fov(320, 240), (320, 240)
 NAMES = [*TRACKED_UNITS, "eyes_closed", "brow_lowerer_eyes_closed"]
 FLOAT = 1e-7
@@ -86,6 +90,10 @@ class Played:
     def time(self) -> Array:
         return self.values(self.content["animations"][0]["samplers"][0]["input"])[:, 0]
 
+    @property
+    def triangles(self) -> NDArray[np.intp]:
+        return self.values(self.primitive["indices"]).astype(np.intp).reshape(-1, 3)
+
     def keys(self, path: str) -> Array:
         """(n, k) what the node has at the keys."""
         (animation,) = self.content["animations"]
@@ -110,7 +118,7 @@ def played(track: Track, folder: Path) -> Played:
 def assert_is_mesh(shown: Played, track: Track) -> None:
     """At every key, of which each known row has one, the vertices are those of the track."""
     meshes = [mesh for row in range(len(track)) if (mesh := track.mesh(row)) is not None]
-    np.testing.assert_allclose(shown.vertices(), np.stack(meshes) * [1, -1, -1] / 1000, rtol=0, atol=FLOAT)
+    np.testing.assert_allclose(shown.vertices(), np.stack(meshes)[:, SHOWN] * [1, -1, -1] / 1000, rtol=0, atol=FLOAT)
 
 
 @given(seed=st.integers(0, 10**6), lids=st.booleans())
@@ -142,7 +150,9 @@ def test_a_face_that_looks_into_the_camera_by_hand(tmp_path: Path) -> None:
     shown = played(Track.from_estimates([estimate(0)], FACE), tmp_path)
     np.testing.assert_allclose(shown.keys("translation"), [[0.05, 0.025, -0.9]], atol=FLOAT)
     np.testing.assert_allclose(shown.keys("rotation"), [[0, 0, 0, 1]], atol=1e-6)
-    np.testing.assert_allclose(shown.values(shown.primitive["attributes"]["POSITION"]), 0.1 * MODEL.mean, atol=FLOAT)
+    np.testing.assert_allclose(
+        shown.values(shown.primitive["attributes"]["POSITION"]), 0.1 * MODEL.mean[SHOWN], atol=FLOAT
+    )
     assert shown.content["asset"] == {"version": "2.0", "generator": f"mien {__version__}"}
     (mesh,) = shown.content["meshes"]
     assert mesh["extras"]["targetNames"] == NAMES
@@ -163,10 +173,22 @@ def test_normals_are_of_unit_length_and_point_out_of_the_face(tmp_path: Path) ->
     shown = played(Track.from_estimates([estimate(0)], FACE), tmp_path)
     normals = shown.values(shown.primitive["attributes"]["NORMAL"])
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
-    a, b, c = MODEL.mean[shown.values(shown.primitive["indices"]).astype(int).reshape(-1, 3)].transpose(1, 0, 2)
-    assert len(a) == 184
+    a, b, c = MODEL.mean[SHOWN][shown.triangles].transpose(1, 0, 2)
     assert (np.cross(b - a, c - a)[:, 2] >= 0).all()
-    assert normals[5, 2] > 0.5  # the tip of the nose
+    assert normals[SHOWN.tolist().index(5), 2] > 0.5  # the tip of the nose
+
+
+def test_surfaces_lie_side_by_side_without_holes_but_between_the_lips(tmp_path: Path) -> None:
+    """An edge has one on either side, or is one of the outline or of the lips; no vertex is in none."""
+    shown = played(Track.from_estimates([estimate(0)], FACE), tmp_path)
+    np.testing.assert_array_equal(SHOWN[shown.triangles], SURFACES)
+    assert len(shown.vertices()[0]) == len(SHOWN) == 96
+    edges = [tuple(edge) for corners in shown.triangles for edge in zip(corners, np.roll(corners, -1), strict=True)]
+    assert len(set(edges)) == len(edges)
+    border = {SHOWN[a] for a, b in edges if (b, a) not in edges}
+    lips = {40, 81, 82, 83, 84, 87, 88, 89}
+    outline = {0, 10, 11, 12, 14, 28, 29, 30, 32, 44, 45, 47, 61, 62, 63, 65}
+    assert border == lips | outline
 
 
 def test_the_weight_of_a_unit_is_its_column_and_lids_that_brows_move_have_the_product(tmp_path: Path) -> None:
@@ -205,7 +227,7 @@ def test_through_its_camera_the_head_is_seen_where_it_is_in_the_video(tmp_path: 
     seen = 0.5 * np.column_stack([1 + right, 1 - up]) * SIZE - 0.5
     mesh = track.mesh(0)
     assert mesh is not None
-    np.testing.assert_allclose(seen, CAMERA.project(mesh)[0], atol=1e-3)
+    np.testing.assert_allclose(seen, CAMERA.project(mesh[SHOWN])[0], atol=1e-3)
     assert shown.content["nodes"][1] == {"name": "camera", "camera": 0}  # where it is, and along -z
 
 

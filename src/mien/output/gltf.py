@@ -149,16 +149,16 @@ class _Buffer:
 
 
 def _mesh(buffer: _Buffer, vertices: Array, targets: Mapping[str, Array]) -> dict[str, Any]:
-    """The mesh with vertices (V, 3) and displacements (V, 3), all in millimetres."""
-    triangles = Candide.default().triangles
-    normals = vertex_normals(vertices, triangles)
-    normals[~normals.any(axis=1)] = [0, 0, 1]  # glTF wants one of the vertices of no triangle, too
-    attributes = {"POSITION": _MM * vertices, "NORMAL": normals}
+    """The mesh of vertices (V, 3) with displacements (V, 3), all in millimetres; of the vertices, those that are
+    corners of the surfaces without eyeballs: CANDIDE's eyeballs lie in the lids, which would flicker."""
+    triangles = Candide.default(168).triangles
+    used, corners = np.unique(triangles, return_inverse=True)
+    attributes = {"POSITION": _MM * vertices[used], "NORMAL": vertex_normals(vertices, triangles)[used]}
     primitive = {
         "attributes": {name: buffer.add(values, _OF_VERTICES) for name, values in attributes.items()},
-        "indices": buffer.add(triangles.ravel(), _OF_TRIANGLES),
+        "indices": buffer.add(corners.ravel(), _OF_TRIANGLES),
         "material": 0,
-        "targets": [{"POSITION": buffer.add(_MM * moved, _OF_VERTICES)} for moved in targets.values()],
+        "targets": [{"POSITION": buffer.add(_MM * moved[used], _OF_VERTICES)} for moved in targets.values()],
     }
     names = {"targetNames": list(targets)}  # where Blender, Unity and three.js look for them
     return {"primitives": [primitive], "weights": [0.0] * len(targets), "extras": names}
