@@ -91,6 +91,10 @@ class Played:
         return self.values(self.content["animations"][0]["samplers"][0]["input"])[:, 0]
 
     @property
+    def untracked(self) -> list[list[float]]:
+        return list(self.content["animations"][0]["extras"]["untracked"])
+
+    @property
     def triangles(self) -> NDArray[np.intp]:
         return self.values(self.primitive["indices"]).astype(np.intp).reshape(-1, 3)
 
@@ -116,8 +120,11 @@ def played(track: Track, folder: Path) -> Played:
 
 
 def assert_is_mesh(shown: Played, track: Track) -> None:
-    """At every key, of which each known row has one, the vertices are those of the track."""
+    """At every key, of which each known row has one, the vertices are those of the track; the last are held to its
+    end."""
     meshes = [mesh for row in range(len(track)) if (mesh := track.mesh(row)) is not None]
+    meshes += [meshes[-1]] * (track.status[-1] == "lost")
+    assert shown.time[-1] == np.float32(track.time[-1])
     np.testing.assert_allclose(shown.vertices(), np.stack(meshes)[:, SHOWN] * [1, -1, -1] / 1000, rtol=0, atol=FLOAT)
 
 
@@ -208,6 +215,33 @@ def test_a_lost_frame_has_no_key_and_the_others_have_the_time_of_the_video(tmp_p
     shown = played(track, tmp_path)
     np.testing.assert_allclose(shown.time, [1 / 25, 4 / 25], atol=1e-6)
     assert_is_mesh(shown, track)
+
+
+def test_the_last_pose_is_held_to_the_end_of_the_track(tmp_path: Path) -> None:
+    """So that the animation is as long as the video."""
+    shown = played(
+        Track.from_estimates([estimate(0), estimate(1, t_mm=(10, 0, 900)), lost(2), lost(3)], FACE), tmp_path
+    )
+    np.testing.assert_allclose(shown.time, [0, 1 / 25, 3 / 25], atol=1e-6)
+    np.testing.assert_allclose(shown.keys("translation")[:, 0], [0.05, 0.01, 0.01], atol=FLOAT)
+
+
+def test_an_unsure_frame_is_as_a_lost_one_and_the_file_says_when_nothing_is_tracked(tmp_path: Path) -> None:
+    confidences = [0.2, 0.5, None, 0.49, 0.9, 0.9, None, 0.9, 0.1]
+    estimates = [lost(k) if sure is None else estimate(k, confidence=sure) for k, sure in enumerate(confidences)]
+    shown = played(Track.from_estimates(estimates, FACE), tmp_path)
+    np.testing.assert_allclose(25 * shown.time, [1, 4, 5, 7, 8], atol=1e-5)
+    assert shown.untracked == [[0, 0], [0.08, 0.12], [0.24, 0.24], [0.32, 0.32]]
+    assert played(Track.from_estimates([estimate(0)], FACE), tmp_path).untracked == []
+
+
+def test_a_track_without_a_sure_frame_shows_the_others(tmp_path: Path) -> None:
+    """As of a tracker that does not say how sure it is."""
+    track = Track.from_estimates([lost(0), estimate(1, confidence=0), estimate(2, confidence=0.4)], FACE)
+    with pytest.warns(MienWarning, match=r"head\.glb: the confidence is below one half in all of the track"):
+        shown = played(track, tmp_path)
+    assert_is_mesh(shown, track)
+    assert shown.untracked == [[0, 0.08]]
 
 
 def test_a_head_that_rolls_round_twice_turns_the_short_way_between_frames(tmp_path: Path) -> None:

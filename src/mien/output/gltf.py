@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 _LATEST_BEGIN = 10_000.0
 """Seconds up to which 32-bit floats, those of glTF, tell milliseconds apart."""
+_SURE = 0.5
+"""Confidence from which on a pose is shown."""
 _MM = 1e-3
 _NEAREST = 0.01
 """Distance in metres from which on the camera sees something."""
@@ -47,8 +49,11 @@ def write_gltf(track: Track, path: Path) -> None:
 
     Each animation unit has a morph target of its name, and so has `eyes_closed`. Eyes close by a share of how far the
     brows leave them open: a unit that moves the lids has another target, UNIT_eyes_closed, whose weight is the product
-    of both. A lost frame has no key: players go straight from the pose before to the one after it, and hold the first
-    and the last. Raises MienError if the track has no mesh, no camera, or no frame with the face.
+    of both. A frame in which the face is lost, or the confidence below one half, has no key: players go straight from
+    the pose before to the one after it; they hold the first, and the last to the end of the track. The extras of the
+    animation have, as `untracked`, the seconds of the first and the last frame of every such stretch. If no frame is
+    that sure, all with the face have keys, with a warning. Raises MienError if the track has no mesh, no camera, or no
+    frame with the face.
     """
     rest, t, animation = track.rest, track.translation_mm, track.animation
     require(track.lost < len(track), f"{path}: the face is lost in every frame of the track; there is nothing to write")
@@ -65,12 +70,15 @@ def write_gltf(track: Track, path: Path) -> None:
         "again",
     )
     time = _times(track, path)
-    known &= _is_later(time, known, path)
+    sure = known & (track.confidence >= _SURE)
+    if not sure.any():
+        warn(f"{path}: the confidence is below one half in all of the track; the head moves as it says nevertheless")
+    rows, key_times = _key_rows(time, sure if sure.any() else known, path)
     vertices, units = rest
     closed = np.zeros(len(track)) if track.eyes_closed is None else np.nan_to_num(track.eyes_closed)
-    targets, weights = _morph_targets(vertices, units, animation[known], closed[known])
-    R = FACING @ matrix_from_euler(np.radians(track.euler_deg[known])) @ FACING
-    keys = {"translation": _MM * t[known] @ FACING, "rotation": _quaternions(R), "weights": weights.ravel()}
+    targets, weights = _morph_targets(vertices, units, animation[rows], closed[rows])
+    R = FACING @ matrix_from_euler(np.radians(track.euler_deg[rows])) @ FACING
+    keys = {"translation": _MM * t[rows] @ FACING, "rotation": _quaternions(R), "weights": weights.ravel()}
     buffer = _Buffer()
     number = track.metadata.get("face_id") or ""  # several heads in a scene need names of their own
     content = {
@@ -85,7 +93,10 @@ def write_gltf(track: Track, path: Path) -> None:
         "meshes": [{"name": f"face{number}", **_mesh(buffer, vertices, targets)}],
         "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.8}}],
         "cameras": [_camera(track.metadata, path)],
-        "animations": [{"name": f"track{number}", **_animation(buffer, time[known], keys)}],
+        "animations": [
+            {"name": f"track{number}", **_animation(buffer, key_times, keys)}
+            | {"extras": {"untracked": _stretches(~sure, time)}}
+        ],
     }
     with whole_file(path) as file:
         file.write_bytes(_container(content | buffer.description, buffer.content))
@@ -202,6 +213,22 @@ def _times(track: Track, path: Path) -> Array:
         return track.time
     warn(f"{path}: the times of the track begin at {begin:.2f} s, which glTF cannot hold; they are counted from there")
     return np.asarray(track.time - begin)
+
+
+def _key_rows(time: Array, known: Mask, path: Path) -> tuple[NDArray[np.intp], Array]:
+    """Rows (m,) whose poses have keys, and the seconds (m,) of these, by times (n,): the known rows, and the last of
+    them once more at the end of the track, so that the animation is as long as that."""
+    rows = np.flatnonzero(known & _is_later(time, known, path))
+    if np.float32(time[rows[-1]]) < np.float32(time[-1]):
+        return np.append(rows, rows[-1]), np.append(time[rows], time[-1])
+    return rows, time[rows]
+
+
+def _stretches(mask: Mask, time: Array) -> list[list[float]]:
+    """Seconds of the first and the last row of every run of rows in a mask (n,), by times (n,)."""
+    edges = np.flatnonzero(np.diff(np.pad(mask.astype(int), 1)))  # where runs begin, and the rows after their ends
+    seconds: list[list[float]] = np.round(time[edges.reshape(-1, 2) - [0, 1]], 6).tolist()
+    return seconds
 
 
 def _is_later(time: Array, known: Mask, path: Path) -> Mask:

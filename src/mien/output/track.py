@@ -284,7 +284,11 @@ class Track:
     def save_gltf(self, path: str | Path) -> Path:
         """Write the moving head, and the camera, as binary glTF: to a GLB file for Blender, Unity, Unreal or three.js.
 
-        Raises MienError for a track without a mesh (see `mesh`), or whose face is lost in every frame.
+        Where the face is lost, or the confidence below one half, the head goes straight from the pose before to the one
+        after; it holds the first and the last. The extras of the animation list these stretches as `untracked`: seconds
+        of the first and the last frame of each. A warning tells of a track that is nowhere that sure, and whose head
+        moves as it says nevertheless. Raises MienError for a track without a mesh (see `mesh`), or whose face is lost
+        in every frame.
         """
         from mien.output.gltf import write_gltf
 
