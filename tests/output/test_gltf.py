@@ -266,11 +266,15 @@ def test_through_its_camera_the_head_is_seen_where_it_is_in_the_video(tmp_path: 
 
 
 def test_a_camera_that_does_not_look_through_the_middle_is_warned_of(tmp_path: Path) -> None:
-    track = Track.from_estimates(
-        [estimate(0)], metadata(MODEL.mean, MODEL.animation_units, Camera(300, 159.5 + 4, 119.5 - 2))
-    )
+    """And shifted in Blender, whose unit is the height of the picture: 4 pixels are a sixtieth of it."""
+    camera = Camera(300, 159.5 + 4, 119.5 - 2)
+    track = Track.from_estimates([estimate(0)], metadata(MODEL.mean, MODEL.animation_units, camera))
     with pytest.warns(MienWarning, match=r"\+4\.0 pixels right and -2\.0 down of the middle"):
-        track.save_gltf(tmp_path / "head.glb")
+        shown = played(track, tmp_path)
+    size = dict(zip(("resolution_x", "resolution_y"), SIZE, strict=True))
+    assert shown.content["cameras"][0]["extras"] == {"shift_x": -1 / 60, "shift_y": -1 / 120} | size
+    centred = played(Track.from_estimates([estimate(0)], FACE), tmp_path)
+    assert centred.content["cameras"][0]["extras"] == {"shift_x": 0, "shift_y": 0} | size
 
 
 def test_times_that_32_bit_floats_cannot_hold_are_counted_from_the_first(tmp_path: Path) -> None:

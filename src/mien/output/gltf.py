@@ -185,7 +185,8 @@ def _animation(buffer: _Buffer, time: Array, keys: Mapping[str, Array]) -> dict[
 
 def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """The camera of the video, at the origin, which looks along -z; with a warning if it does not look through the
-    middle of the picture, as glTF's do."""
+    middle of the picture, as glTF's do. Its extras have what glTF cannot say, by the names of Blender: the shift of the
+    picture right and up, as shares of its height, and the resolution in pixels."""
     try:
         camera = Camera(*(float(metadata["camera"][name]) for name in ("focal_px", "cx", "cy")))
         width, height = (int(metadata["video"][name]) for name in ("width", "height"))
@@ -199,10 +200,17 @@ def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
     if max(abs(right), abs(down)) > 1:
         warn(
             f"{path}: the camera looks through a point {right:+.1f} pixels right and {down:+.1f} down of the middle of "
-            "the picture, which glTF cannot say; the head is seen as far from its place"
+            "the picture, which glTF cannot say; the head is seen as far from its place, but where a program takes the "
+            "shift from the extras of the camera"
         )
     fov = 2 * math.atan(0.5 * height / camera.focal_px)
-    return {"type": "perspective", "perspective": {"yfov": fov, "aspectRatio": width / height, "znear": _NEAREST}}
+    lens = {"yfov": fov, "aspectRatio": width / height, "znear": _NEAREST}
+    shift = {"shift_x": -right / height + 0.0, "shift_y": down / height + 0.0}
+    return {
+        "type": "perspective",
+        "perspective": lens,
+        "extras": {**shift, "resolution_x": width, "resolution_y": height},
+    }
 
 
 def _times(track: Track, path: Path) -> Array:
