@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from codeop import compile_command
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -275,6 +277,21 @@ def test_a_camera_that_does_not_look_through_the_middle_is_warned_of(tmp_path: P
     assert shown.content["cameras"][0]["extras"] == {"shift_x": -1 / 60, "shift_y": -1 / 120} | size
     centred = played(Track.from_estimates([estimate(0)], FACE), tmp_path)
     assert centred.content["cameras"][0]["extras"] == {"shift_x": 0, "shift_y": 0} | size
+
+
+def test_the_block_for_blender_finds_what_it_asks_for(tmp_path: Path) -> None:
+    """And its lines are commands, as its console takes them one by one."""
+    usage = (Path(__file__).parents[2] / "docs" / "usage.md").read_text(encoding="utf-8")
+    block = usage.split("## Animation")[1].split("```python\n")[1].split("```")[0]
+    content = played(Track.from_estimates([estimate(0)], FACE), tmp_path).content
+    assert re.findall(r'objects\["(.*?)"\]', block) == ["camera"] == [content["nodes"][1]["name"]]
+    assert set(re.findall(r'lens\["(.*?)"\]', block)) == content["cameras"][0]["extras"].keys()
+    waiting: list[str] = []
+    for line in block.splitlines():
+        waiting.append(line)
+        if compile_command("\n".join(waiting)):
+            waiting.clear()
+    assert not waiting
 
 
 def test_times_that_32_bit_floats_cannot_hold_are_counted_from_the_first(tmp_path: Path) -> None:
