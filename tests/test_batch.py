@@ -314,6 +314,7 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
         (BatchOptions(faces=0), "0 faces to track"),
         (BatchOptions(passes=3), "passes is 3; give 1 or 2"),
         (BatchOptions(passes=2, preset="mediapipe"), "mediapipe learns nothing that a second pass could use"),
+        (BatchOptions(gltf=True, preset="mediapipe"), "mediapipe fits no face model and has no head for --gltf; omit"),
     ):
         with pytest.raises(MienError, match=message):
             track_all([videos], tmp_path / "out", options)
@@ -489,6 +490,7 @@ def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], 
         BatchOptions(passes=2),
         BatchOptions(overlay=True),
         BatchOptions(plot=True),
+        BatchOptions(gltf=True),
         BatchOptions(camera=camera),
     )
     for options in (
@@ -955,14 +957,15 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     camera.write_text(CAMERA)
     own.write_text('{"adaptation": {"view_rate": 0}}')
     asked = ["batch", ".", "-o", str(out), "--camera", str(camera), "--preset", f"realtime:{own}"]
-    asked += ["--end", "10", "--at-once", "--overlay", "--plot"]
+    asked += ["--end", "10", "--at-once", "--overlay", "--plot", "--gltf"]
     result = CliRunner().invoke(app, asked)
     assert result.exit_code == 2
     assert "1 of 2 videos tracked" in result.output
     assert "mien: broken.mp4: cannot be read as a video" in result.output
     assert "1 of 2 videos could not be tracked" in result.output
     made = sorted(p.name for p in out.iterdir())
-    assert made == ["-face.csv", "-face.json", "-face.overlay.mp4", "-face.parquet", "-face.png", "summary.csv"]
+    endings = (".csv", ".glb", ".json", ".overlay.mp4", ".parquet", ".png")
+    assert made == [*(f"-face{ending}" for ending in endings), "summary.csv"]
     assert json.loads((out / "-face.json").read_text())["camera"]["focal_px"] == 500
     (videos / "broken.mp4").unlink()
     again = CliRunner().invoke(app, asked)
@@ -972,12 +975,17 @@ def test_the_whole_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_pictures_of_an_earlier_track_are_made_again(tmp_path: Path) -> None:
     video, out = write_video(tmp_path / "face.mkv", portrait_images()), tmp_path / "out"
-    drawn = BatchOptions(at_once=True, overlay=True, plot=True)
+    drawn = BatchOptions(at_once=True, overlay=True, plot=True, gltf=True)
     later = replace(drawn, start=0.04)
+    alone = replace(later, overlay=False, plot=False, gltf=False)
     for options, state in (
-        (drawn, "tracked"), (replace(later, overlay=False, plot=False), "tracked"), (later, "tracked"), (later, "kept"),
-        (replace(later, overlay=False, plot=False), "kept"), (later, "kept"),
+        (drawn, "tracked"), (alone, "tracked"), (later, "tracked"), (later, "kept"), (alone, "kept"), (later, "kept"),
     ):  # fmt: skip
         assert _states(track_all([video], out, options)) == [state]
     known = json.loads((out / "face.json").read_text())
-    assert (known["overlay"], known["plot"]) == ("face.overlay.mp4", "face.png")
+    assert (known["overlay"], known["plot"], known["gltf"]) == ("face.overlay.mp4", "face.png", "face.glb")
+    head = out / "face.glb"
+    begun = head.stat().st_mtime_ns
+    head.unlink()  # as where a run was interrupted before it was written
+    assert _states(track_all([video], out, later)) == ["tracked"]
+    assert head.stat().st_mtime_ns > begun

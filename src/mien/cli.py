@@ -251,6 +251,7 @@ def batch(
     fov: Fov = None,
     overlay: Annotated[bool, typer.Option("--overlay", help="Write an overlay video beside each table.")] = False,
     plot: Annotated[bool, typer.Option("--plot", help="Write a plot beside each table.")] = False,
+    gltf: Annotated[bool, typer.Option("--gltf", help="Write the moving head beside each table.")] = False,
     start: Start = None,
     end: End = None,
     fps: Fps = None,
@@ -264,7 +265,9 @@ def batch(
     from mien.batch import BatchOptions, track_all
     from mien.output.summary import FAILED, KEPT, SUMMARY, TRACKED
 
-    options = BatchOptions(preset, passes, faces, camera, focal, fov, start, end, fps, at_once, overlay, plot, again)
+    options = BatchOptions(
+        preset, passes, faces, camera, focal, fov, start, end, fps, at_once, overlay, plot, gltf, again
+    )
     with jobs_bar("looking for videos", quiet) as progress:
         rows = track_all(paths, out, options, jobs, progress, forked=True)
     count = {state: sum(row.state == state for row in rows) for state in (TRACKED, KEPT, FAILED)}

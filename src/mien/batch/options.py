@@ -37,6 +37,7 @@ class BatchOptions:
     at_once: bool = False
     overlay: bool = False
     plot: bool = False
+    gltf: bool = False
     again: bool = False
 
     def arguments(self, video: Path) -> list[str]:
@@ -49,21 +50,22 @@ class BatchOptions:
 
     def match(self, metadata: Mapping[str, Any], video: Path, table: Path) -> bool:
         """Whether the track of a video with this NAME.json is complete, from the same options and this version of mien,
-        and has the pictures of this table that are wanted. Of several faces, `mien track` may have been told which."""
+        and has the drawings of this table that are wanted. Of several faces, `mien track` may have been told which."""
         wanted = {"mien": __version__, "complete": True, "preset": self.preset, "passes": self.passes}
         wanted |= {"asked": requested_options(self, self.at_once, fps=self._fps_of(video))}
         wanted |= self._contents(metadata.get("video", {}))
-        overlay, plot = pictures_of(table)
-        wanted |= {"overlay": overlay.name} if self.overlay else {}
-        wanted |= {"plot": plot.name} if self.plot else {}
+        wanted |= {name: path.name for name, path in self.drawings(table).items()}
         known = {**metadata, "asked": {**metadata.get("asked", {}), "face": None}}
         return known.get("faces_wanted", 1) == self.faces and wanted.items() <= known.items()
 
     def files_of(self, table: Path, faces: int) -> list[Path]:
         """All files that are written for a video with this number of faces."""
-        overlay, plot = pictures_of(table)
-        files = Destination(table, overlay if self.overlay else None, plot if self.plot else None)
+        files = Destination(table, **self.drawings(table))
         return [file for face_id in range(faces) for file in files.of_face(face_id).paths()]
+
+    def drawings(self, table: Path) -> dict[str, Path]:
+        """Those of `drawings_of` a table that are wanted."""
+        return {name: path for name, path in drawings_of(table).items() if getattr(self, name)}
 
     def _fps_of(self, video: Path) -> float | None:
         """At which a video is opened: files have times of their own."""
@@ -91,6 +93,7 @@ class BatchOptions:
         return [path for path in (file, code_of(self.preset)) if path is not None]
 
 
-def pictures_of(table: Path) -> tuple[Path, Path]:
-    """Paths of the overlay and the plot of a table."""
-    return table.with_name(f"{table.stem}{OVERLAY_SUFFIX}"), table.with_suffix(".png")
+def drawings_of(table: Path) -> dict[str, Path]:
+    """Paths of the overlay, the plot and the head of a table, by the names of their options."""
+    overlay = table.with_name(f"{table.stem}{OVERLAY_SUFFIX}")
+    return {"overlay": overlay, "plot": table.with_suffix(".png"), "gltf": table.with_suffix(".glb")}

@@ -6,11 +6,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from mien.batch.options import BatchOptions, pictures_of
+from mien.batch.options import BatchOptions, drawings_of
 from mien.batch.videos import find_videos
 from mien.errors import MienError, require, warn
 from mien.files import exists, require_writable
@@ -18,7 +19,7 @@ from mien.output.destination import has_other_content
 from mien.output.sole_use import sole_use
 from mien.output.summary import FAILED, KEPT, PENDING, SUMMARY, TRACKED, Row, Summary, face_rows
 from mien.output.track_files import read_metadata
-from mien.pipeline.track import check_faces, check_passes
+from mien.pipeline.track import check_faces, check_mesh, check_passes
 from mien.processes import Call, Ended, Progress, available_processors, run_commands
 from mien.registry import create_tracker
 from mien.start.footage import check_options
@@ -51,6 +52,7 @@ def track_all(
     options = options or BatchOptions()
     tracker = create_tracker(options.preset)  # report wrong options once, now, and not for every video
     check_passes(options.passes, tracker, options.preset)
+    check_mesh("--gltf" if options.gltf else None, tracker, options.preset)
     check_faces(options.faces)
     check_options(options)
     check_fps(options.fps)
@@ -114,8 +116,8 @@ def _track_found(
 
 
 def _all_files(table: Path) -> tuple[Path, ...]:
-    """The table and the pictures that a video may have."""
-    return table, *pictures_of(table)
+    """The table and the drawings that a video may have."""
+    return table, *drawings_of(table).values()
 
 
 def _times(files: Iterable[Path]) -> dict[Path, int]:
@@ -124,9 +126,8 @@ def _times(files: Iterable[Path]) -> dict[Path, int]:
 
 
 def _command(row: Row, options: BatchOptions) -> Call:
-    overlay, plot = pictures_of(row.table)
-    pictures = [*["--overlay", str(overlay)] * options.overlay, *["--plot", str(plot)] * options.plot]
-    given = "-o", str(row.table), *pictures, *options.arguments(row.video), "--quiet"
+    drawings = chain.from_iterable((f"--{name}", str(path)) for name, path in options.drawings(row.table).items())
+    given = "-o", str(row.table), *drawings, *options.arguments(row.video), "--quiet"
     return Call(row.video.name, "mien.worker:run", ("track", *given, "--", str(row.video)))
 
 
@@ -169,9 +170,9 @@ def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:
 
 
 def _note(row: Row, known: Mapping[str, Any]) -> str:
-    """What was warned of when the table with this NAME.json was made, and which pictures are not of it."""
-    own = {known.get("overlay"), known.get("plot")}
-    others = [file for file in pictures_of(row.table) if file.name not in own and exists(file)]
+    """What was warned of when the table with this NAME.json was made, and which drawings are not of it."""
+    drawings = drawings_of(row.table).items()
+    others = [file for name, file in drawings if file.name != known.get(name) and exists(file)]
     return _joined(known.get("warnings", ()), known.get("video", {}).get("name", ""), others)
 
 

@@ -62,7 +62,7 @@ def track_faces(
     files = Destination.checked(save, overlay, plot, gltf, inputs)
     tracker = create_tracker(preset)
     check_passes(passes, tracker, preset, footage.video)
-    check_mesh(files, tracker, preset)
+    check_mesh(files.gltf, tracker, preset)
     name = footage.video.name
     check_faces(faces)
     faces = int(faces)

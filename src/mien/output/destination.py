@@ -98,12 +98,12 @@ class Destination:
         self.write_drawn(track)
 
     def write_table(self, track: Track) -> None:
-        """Write the table, of which NAME.json names the pictures, without the plot and the head of an earlier track: if
+        """Write the table, of which NAME.json names the drawings, without the plot and the head of an earlier track: if
         this is stopped, none of them is left with it."""
         _remove(self.plot, self.gltf)
         if self.table is not None:
-            pictures = {"overlay": self.overlay, "plot": self.plot}
-            names = {name: None if path is None else path.name for name, path in pictures.items()}
+            drawings = {"overlay": self.overlay, "plot": self.plot, "gltf": self.gltf}
+            names = {name: None if path is None else path.name for name, path in drawings.items()}
             replace(track, metadata={**track.metadata, **names}).save(self.table)
 
     def write_drawn(self, track: Track) -> None:

@@ -80,7 +80,7 @@ def track(
     if show:
         require_screen()
     check_passes(passes, tracker, preset, footage.video)
-    check_mesh(files, tracker, preset)
+    check_mesh(files.gltf, tracker, preset)
     report = reporter(progress, footage, passes)
     with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
         begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
@@ -122,7 +122,8 @@ def check_faces(faces: int) -> None:
     require(possible, f"{faces!r} faces to track; give a number from 1 to {_MOST_FACES}")
 
 
-def check_mesh(files: Destination, tracker: Tracker, preset: str) -> None:
-    """Raise MienError if a moving head is to be written, and the tracker, which has seen no frame yet, has no mesh."""
+def check_mesh(head: Path | str | None, tracker: Tracker, preset: str) -> None:
+    """Raise MienError if a moving head is wanted, and the tracker, which has seen no frame yet, has no mesh. head: its
+    path, or the option that asks for it."""
     can = hasattr(tracker, "mesh")  # it is a `FittedTracker` only once it has its `fit`
-    require(files.gltf is None or can, f"{preset} fits no face model and has no head for {files.gltf}; omit that")
+    require(head is None or can, f"{preset} fits no face model and has no head for {head}; omit that")
