@@ -45,7 +45,7 @@ _MAGIC, _SIGNATURE = b"glTF", b'"generator":"mien '
 
 
 def write_gltf(track: Track, path: Path) -> None:
-    """Write the head of a track to a `.glb` file, so that in every row it is `Track.mesh`.
+    """Write the head of a track to a `.glb` file, so that at every key it is `Track.mesh`, without the eyeballs.
 
     Each animation unit has a morph target of its name, and so has `eyes_closed`. Eyes close by a share of how far the
     brows leave them open: a unit that moves the lids has another target, UNIT_eyes_closed, whose weight is the product
