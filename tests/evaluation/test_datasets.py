@@ -291,6 +291,7 @@ def test_talking_face_tells_of_points_without_an_image(tmp_path: Path) -> None:
 
 
 def _annotate(root: Path, header: str, rows: list[str]) -> Path:
+    root.mkdir(exist_ok=True)
     tiny.video(root / "mine.mkv")
     (root / "mine.csv").write_text("\n".join([header, *rows]) + "\n")
     return root
@@ -548,7 +549,7 @@ def test_hidden_files_are_no_sequences(tmp_path: Path) -> None:
         "buft": tiny.buft(tmp_path / "buft", ("jam1",)),
         "rendered": tiny.rendered(tmp_path / "rendered"),
         "talking-face": tiny.talking_face(tmp_path / "talking", face68(), text, (0,)),
-        "video": _annotate(tmp_path, "frame,pose_Rx,pose_Ry,pose_Rz", poses),
+        "video": _annotate(tmp_path / "video", "frame,pose_Rx,pose_Ry,pose_Rz", poses),
     }
     before = {name: load_dataset(name, root) for name, root in roots.items()}
     for root in roots.values():
