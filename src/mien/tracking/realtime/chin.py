@@ -23,8 +23,6 @@ from mien.tracking.realtime.pose_geometry import (
     project_to_crop,
 )
 
-_JAW = JAW_DROP  # a name for the kernels, which take constants of their own module
-
 
 class Chin:
     """What the skin below the mouth looks like in the first frame, and where a crop shows it."""
@@ -57,7 +55,7 @@ def _look(image: Any, person: Any, points: Any, i: int, pose: Any, jaw: float, v
     """The values (m,) that a crop shows at points (3, m), relative to landmark i, at a pose with another jaw_drop."""
     R, t, a = pose
     opened = a.copy()
-    opened[_JAW] = jaw
+    opened[JAW_DROP] = jaw
     to_crop = head_to_crop(R, t, view)
     x, y, z = landmark(i, person, opened)
     for j in range(out.size):

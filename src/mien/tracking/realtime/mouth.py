@@ -41,7 +41,9 @@ class MouthSearch:
             return best
         seen, *elsewhere = self._chin(view, best.pose, [float(best.pose.animation[JAW_DROP]), *_JAWS])
         lowest = best.energy - s.chin_energy * seen
-        for jaw in (float(_JAWS[np.argmax(elsewhere)]), *_JAW_STARTS):
+        most = int(np.argmax(elsewhere))
+        starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.chin_least else _JAW_STARTS
+        for jaw in starts:
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
                 animation = best.pose.animation.copy()
                 animation[JAW_DROP] = jaw
