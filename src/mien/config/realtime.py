@@ -214,6 +214,9 @@ class MouthSettings(Settings):
         3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
     )
     chin_energy: float = Field(50.0, ge=0, description="energy that a chin exactly as in the first frame is worth")
+    chin_seen: float = Field(
+        0.8, ge=-1, le=1, description="correlation of the chin with the first frame above which it is certainly seen"
+    )
     chin_least: float = Field(
         0.2, ge=-1, le=1, description="correlation of the chin with the first frame below which it says nothing"
     )

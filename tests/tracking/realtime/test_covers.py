@@ -104,6 +104,19 @@ def test_a_mouth_is_covered_only_if_enough_else_is(of_the_mouth: list[int], cove
     assert list(np.flatnonzero(covers.covered)) == covered
 
 
+@pytest.mark.parametrize(("is_open", "covered"), [(True, []), (False, [0, 1, 2, 3, 4])])
+def test_what_lies_beside_an_open_mouth_may_look_strange(is_open: bool, covered: list[int]) -> None:
+    covers = _covers(mouth=np.isin(np.arange(10), [0, 1]))
+    covers.update(HALF, ALL, CAME, is_open)
+    assert list(np.flatnonzero(covers.covered)) == covered
+
+
+def test_what_lies_elsewhere_is_covered_also_while_the_mouth_is_open() -> None:
+    covers = _covers(mouth=np.isin(np.arange(10), [8, 9]))
+    covers.update(HALF, ALL, CAME, True)
+    assert list(np.flatnonzero(covers.covered)) == [0, 1, 2, 3, 4]
+
+
 @pytest.mark.parametrize("facing", [ALL, ~ALL])
 def test_a_lost_face_is_not_covered(facing: Mask) -> None:
     covers = _covers()

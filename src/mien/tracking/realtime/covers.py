@@ -4,7 +4,8 @@ The robust weights of Eq. (9) ignore a landmark that is covered. One at the edge
 itself, and more so from a wrong pose; and in a turn, where the appearance is learned, what lies on the face would be
 learned as its look. So landmarks that something covers take no part in the next frame, nor do those beside them that
 look strange, nor is their look learned. Mouth and chin are not covered alone: a mouth that opens wide looks strange as
-suddenly, and where something covers nothing else the robust weights are enough.
+suddenly, and where something covers nothing else the robust weights are enough. Where the mouth is known to be open,
+that holds for what lies beside it, too.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ class Covers:
         self.settings = settings
         self.beside = np.linalg.norm(neutral[:, None] - neutral, axis=2) < _BESIDE
         self.telling, self.mouth = ~eyes, mouth
+        self.far_from_mouth = ~(self.beside & mouth).any(axis=1)
         self.forget()
 
     def forget(self) -> None:
@@ -59,12 +61,12 @@ class Covers:
         """Which landmarks (n,) certainly show the face."""
         return np.asarray(~(self.covered | self.suspected))
 
-    def update(self, d2: Array, facing: Mask, agreement: Array) -> None:
-        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), and how far
-        their patches agree with the last frame's, agreement (n,)."""
-        least = self.settings.least_covered
+    def update(self, d2: Array, facing: Mask, agreement: Array, mouth_is_open: bool = False) -> None:
+        """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), how far their
+        patches agree with the last frame's, agreement (n,), and whether the mouth is known to be open."""
+        least, telling = self.settings.least_covered, self.telling & (self.far_from_mouth | (not mouth_is_open))
         self.covered, self.suspected, self.weight = _updated(
-            (self.covered, self.suspected), d2, facing, agreement, (self.telling, self.mouth, self.beside), least
+            (self.covered, self.suspected), d2, facing, agreement, (telling, self.mouth, self.beside), least
         )
 
 

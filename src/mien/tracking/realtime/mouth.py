@@ -19,29 +19,37 @@ _JAWS = np.linspace(-0.3, 1.5, 13)
 """Values of jaw_drop at which the chin is looked for."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
+_OPEN = 0.25
+"""Value of jaw_drop, more than at rest, from which on a mouth is open."""
 _OTHER_JAW = 0.175
 """Difference of jaw_drop from which on a mouth is open to another degree."""
 
 
 class MouthSearch:
     """Starts the solver again from other mouths where the one that it found does not fit. strange_frames: for how many
-    frames a moved mouth has not."""
+    frames a moved mouth has not; is_open: whether the chin has shown that the mouth opened, and it has not closed."""
 
     def __init__(
         self, person: Person, solver: PoseSolver, prior: StatePrior, chin: Chin, settings: MouthSettings
     ) -> None:
         self.person, self.solver, self.prior, self.chin, self.settings = person, solver, prior, chin, settings
-        self.strange_frames = 0
+        self.strange_frames, self.is_open = 0, False
 
     def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
         where these do not fit, start from other openings, and judge all by how much the chin looks as it did."""
-        s = self.settings
-        if sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW):
+        s, found = self.settings, float(best.pose.animation[JAW_DROP])
+        open_from = float(self.prior.rest[JAW_DROP]) + _OPEN
+        fits = sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW)
+        if fits and found < open_from:
+            self.is_open = False
             return best
-        seen, *elsewhere = self._chin(view, best.pose, [float(best.pose.animation[JAW_DROP]), *_JAWS])
-        lowest = best.energy - s.chin_energy * seen
+        seen, *elsewhere = self._chin(view, best.pose, [found, *_JAWS])
         most = int(np.argmax(elsewhere))
+        self.is_open |= elsewhere[most] > s.chin_seen and _JAWS[most] >= open_from
+        if fits:
+            return best
+        lowest = best.energy - s.chin_energy * seen
         starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.chin_least else _JAW_STARTS
         for jaw in starts:
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:

@@ -192,7 +192,9 @@ class RealtimeTracker:
         self.pose, self.lost_frames = solution.pose, 0
         familiar = self._familiarity(solution)
         agreements = self._remember(frame, view, solution)
-        self.person.covers.update(solution.d2_without_noise, solution.facing, self.identity.patches.agreement)
+        self.person.covers.update(
+            solution.d2_without_noise, solution.facing, self.identity.patches.agreement, self.mouth.is_open
+        )
         if familiar > FAMILIAR:
             if not self.solver.misfits(solution):
                 self._learn(frame, solution)
