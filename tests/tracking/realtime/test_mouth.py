@@ -59,3 +59,11 @@ def test_lips_that_look_strange_do_not_hide_an_open_mouth() -> None:
     for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
         tracker.track(_with_dark_mouth(frame, landmarks))
         assert tracker.pose.animation[JAW_DROP] - tracker.first_animation[JAW_DROP] == pytest.approx(OPENED, abs=0.2)
+
+
+def test_the_chin_shows_that_a_mouth_has_opened_until_it_closes() -> None:
+    """While it is open it is not taken for a covered one."""
+    tracker = begun(opening().frames[0])
+    for frame, is_open in ((0, False), (1, True), (2, True), (0, False)):
+        tracker.track(opening().frames[frame])
+        assert tracker.mouth.is_open == is_open
