@@ -64,7 +64,9 @@ class Covers:
     def update(self, d2: Array, facing: Mask, agreement: Array, mouth_is_open: bool = False) -> None:
         """Take a frame: squared distances d2 (n,) without noise, which landmarks face the camera (n,), how far their
         patches agree with the last frame's, agreement (n,), and whether the mouth is known to be open."""
-        least, telling = self.settings.least_covered, self.telling & (self.far_from_mouth | (not mouth_is_open))
+        least, telling = self.settings.least_covered, self.telling
+        if mouth_is_open:
+            telling = telling & self.far_from_mouth
         self.covered, self.suspected, self.weight = _updated(
             (self.covered, self.suspected), d2, facing, agreement, (telling, self.mouth, self.beside), least
         )

@@ -28,6 +28,7 @@ from mien.geometry.rotation import FACING
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import kernels, pose_geometry
+from mien.tracking.realtime.chin import CARRIER, OFFSETS
 from mien.tracking.realtime.level import Level, Noise
 
 CROP_UNITS = 1.75
@@ -53,16 +54,13 @@ _TURNED_VIEWS = 2
 """Pans to either side that are rendered in addition for a face that has turned aside."""
 _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
 """Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
-_LOWER_LIP = LANDMARK_NAMES.index("lower_lip_outer")
-_CHIN = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(0.02, 0.36, 8)), axis=-1).reshape(-1, 2)
-"""Where the skin of `chin.Chin` lies in the first frame's image from there, right and down, CANDIDE units."""
 
 
 @dataclass(frozen=True)
 class LearnedFace:
     """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
-    relative to it, in head axes; likewise the skin of the chin (k, 3), relative to the lower lip; the coarse and the
-    fine level."""
+    relative to it, in head axes; likewise the skin of the chin (k, 3), relative to `chin.CARRIER`; the coarse and
+    the fine level."""
 
     neutral: Array
     normals: Array
@@ -89,7 +87,7 @@ def learn_face(
     fine = _learn_level(posed, settings.descriptor, settings.views.per_angle, settings)
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = _around_each(points, _patches(len(points), settings.motion), surface, fit, camera)
-    chin = _around_each(points[[_LOWER_LIP]], _CHIN, surface, fit, camera)[0]
+    chin = _around_each(points[[CARRIER]], OFFSETS, surface, fit, camera)[0]
     return LearnedFace(neutral, normals, patches, chin, coarse, fine)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
 from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
@@ -41,12 +42,12 @@ class MouthSearch:
         s, found = self.settings, float(best.pose.animation[JAW_DROP])
         open_from = float(self.prior.rest[JAW_DROP]) + _OPEN
         fits = sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW)
-        if fits and found < open_from:
-            self.is_open = False
+        if fits and (found < open_from or self.is_open):
+            self.is_open = found >= open_from
             return best
-        seen, *elsewhere = self._chin(view, best.pose, [found, *_JAWS])
+        seen, *elsewhere = self._chin(view, best.pose, _JAWS)
         most = int(np.argmax(elsewhere))
-        self.is_open |= elsewhere[most] > s.chin_seen and _JAWS[most] >= open_from
+        self.is_open |= elsewhere[most] > s.chin_seen and float(_JAWS[most]) >= open_from
         if fits:
             return best
         lowest = best.energy - s.chin_energy * seen
@@ -56,16 +57,17 @@ class MouthSearch:
                 animation = best.pose.animation.copy()
                 animation[JAW_DROP] = jaw
                 candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
-                (seen,) = self._chin(view, candidate.pose, [float(candidate.pose.animation[JAW_DROP])])
+                (seen,) = self._chin(view, candidate.pose)
                 energy = candidate.energy - s.chin_energy * seen
                 if energy < lowest:
                     best, lowest = candidate, energy
         return best
 
-    def _chin(self, view: View, pose: Pose, jaws: list[float]) -> list[float]:
-        """How much the chin looks as in the first frame with the jaw at each of `jaws`: correlations, and at least the
-        one below which it is hidden or changed."""
-        likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, np.array(jaws))
+    def _chin(self, view: View, pose: Pose, jaws: Array | tuple[()] = ()) -> list[float]:
+        """How much the chin looks as in the first frame with the jaw as in a pose, and then at each of jaws (k,):
+        correlations, and at least the one below which it is hidden or changed."""
+        jaws = np.append(pose.animation[JAW_DROP], jaws)
+        likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, jaws)
         return [max(value, self.settings.chin_least) for value in likeness.tolist()]
 
     def relaxed(self, view: View, best: Solution, predicted: Prediction) -> Solution:

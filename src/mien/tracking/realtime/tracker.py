@@ -32,7 +32,7 @@ from mien.tracking.realtime.first_run import BackgroundCompilation, load_cached
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
 from mien.tracking.realtime.mouth import MouthSearch
-from mien.tracking.realtime.person import JAW, TRUSTED, Person
+from mien.tracking.realtime.person import TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
@@ -136,8 +136,7 @@ class RealtimeTracker:
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
-        where = view.image, self.person.arrays, self.pose.arrays, view.geometry
-        chin = Chin(self.face.chin, JAW[0], *where)
+        chin = Chin(self.face.chin, view.image, self.person.arrays, self.pose.arrays, view.geometry)
         self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
