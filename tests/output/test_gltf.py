@@ -183,6 +183,7 @@ def test_normals_are_of_unit_length_and_point_out_of_the_face(tmp_path: Path) ->
     normals = shown.values(shown.primitive["attributes"]["NORMAL"])
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
     a, b, c = MODEL.mean[SHOWN][shown.triangles].transpose(1, 0, 2)
+    assert len(a) == 168
     assert (np.cross(b - a, c - a)[:, 2] >= 0).all()
     assert normals[SHOWN.tolist().index(5), 2] > 0.5  # the tip of the nose
 
