@@ -16,8 +16,6 @@ from mien.evaluation.points12 import (
 )
 from mien.initialization.landmarks import LANDMARK_NAMES
 
-EVERY = np.array([True, True, True])
-
 
 def test_mean_absolute_error() -> None:
     error = np.array([[1.0, -2.0, 0.0], [3.0, 2.0, -6.0], [100.0, 100.0, 100.0]])

@@ -33,6 +33,7 @@ MOVES_MOUTH = np.array(["brow" not in unit for unit in TRACKED_UNITS])
 """(6,) which of them move the mouth; the others move the brows."""
 
 INTERPUPILLARY_MM = 63.0
+"""Distance between the pupils that every face is taken to have."""
 _PUPILS = ((67, 68, 71, 72), (69, 70, 73, 74))  # iris corners of the left and of the right eye
 _EYE_OPENINGS = ((20, 97, 21, 105, 23, 107, 22, 99), (53, 98, 54, 106, 56, 108, 55, 100))
 _LID_MEETING_HEIGHT = 0.25
@@ -81,15 +82,15 @@ class Candide:
         """`s R g + t` of Eq. (1): (V, 3) head axes -> (V, 3) camera axes."""
         return np.asarray(s * vertices @ R.T + t)
 
-    def with_units(self, names: tuple[str, ...] = TRACKED_UNITS) -> Candide:
-        """The same model with only these animation units, in this order. Raises MienError if it lacks one."""
-        missing = [n for n in names if n not in self.animation_unit_names]
+    def with_tracked_units(self) -> Candide:
+        """The same model with only the `TRACKED_UNITS`, in their order. Raises MienError if it lacks one."""
+        missing = [n for n in TRACKED_UNITS if n not in self.animation_unit_names]
         require(
             not missing,
             f"the model has no animation unit {missing}; it has {list(self.animation_unit_names)}",
         )
-        rows = [self.animation_unit_names.index(n) for n in names]
-        return replace(self, animation_unit_names=names, animation_units=self.animation_units[rows])
+        rows = [self.animation_unit_names.index(n) for n in TRACKED_UNITS]
+        return replace(self, animation_unit_names=TRACKED_UNITS, animation_units=self.animation_units[rows])
 
     def with_whole_brows(self) -> Candide:
         """The same model with the inner brow raiser (AU1) added to the outer one (AU2), if it has both: one muscle
@@ -111,10 +112,10 @@ class Candide:
         )
 
 
-def mm_per_unit(vertices: Array, interpupillary_mm: float = INTERPUPILLARY_MM) -> float:
-    """Millimetres per CANDIDE unit for a face (V, 3) with this distance between its pupils."""
+def mm_per_unit(vertices: Array) -> float:
+    """Millimetres per CANDIDE unit for a face (V, 3), whose pupils are `INTERPUPILLARY_MM` apart."""
     left, right = (vertices[list(corners)].mean(axis=0) for corners in _PUPILS)
-    return float(interpupillary_mm / np.linalg.norm(left - right))
+    return float(INTERPUPILLARY_MM / np.linalg.norm(left - right))
 
 
 def lid_closing(share: float) -> tuple[float, float]:

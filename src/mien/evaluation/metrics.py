@@ -17,6 +17,8 @@ ANGLE_LEVEL = 0.90
 
 RIGHT_DEG = 5.0
 """`Estimate.confidence` is the probability that the rotation error is below this many degrees."""
+_BINS = 10
+"""Number of equal intervals of confidence in a `Reliability`."""
 
 UNIT_COUNTERPARTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -155,15 +157,15 @@ class Reliability:
     gap: float
 
 
-def reliability(confidence: Array, rotation_error_deg: Array, bins: int = 10) -> Reliability:
+def reliability(confidence: Array, rotation_error_deg: Array) -> Reliability:
     """Bin the confidence (n,), and compare it with the fraction of frames whose rotation error is below 5 degrees."""
     both = np.isfinite(confidence) & np.isfinite(rotation_error_deg)
     c, right = confidence[both], rotation_error_deg[both] < RIGHT_DEG
-    edges = np.linspace(0.0, 1.0, bins + 1)
-    which = np.clip(np.digitize(c, edges) - 1, 0, bins - 1)
-    count = np.bincount(which, minlength=bins).astype(float)
+    edges = np.linspace(0.0, 1.0, _BINS + 1)
+    which = np.clip(np.digitize(c, edges) - 1, 0, _BINS - 1)
+    count = np.bincount(which, minlength=_BINS).astype(float)
     safe = np.where(count > 0, count, np.nan)
-    mean = np.bincount(which, weights=c, minlength=bins) / safe
-    share = np.bincount(which, weights=right.astype(float), minlength=bins) / safe
+    mean = np.bincount(which, weights=c, minlength=_BINS) / safe
+    share = np.bincount(which, weights=right.astype(float), minlength=_BINS) / safe
     gap = float(np.nansum(np.abs(share - mean) * count) / count.sum()) if count.sum() else float("nan")
     return Reliability(edges, mean, share, count, gap)

@@ -15,14 +15,13 @@ WORST_FRAMES = 20
 """Number of frames whose images a result stores; the contact sheet shows the worst twenty of all sequences."""
 
 
-def worst_frames(track: TrackTable, truth: Truth, count: int = WORST_FRAMES) -> tuple[int, ...]:
-    """The frames with the largest rotation error relative to the first frame, or the largest landmark error if there is
-    no pose. In longer videos, of neighbouring frames, which look alike, only the worst is taken.
-    """
+def worst_frames(track: TrackTable, truth: Truth) -> tuple[int, ...]:
+    """The `WORST_FRAMES` frames with the largest of the `frame_errors`. In longer videos, of neighbouring frames, which
+    look alike, only the worst is taken."""
     errors = frame_errors(track, truth)
-    remaining, spacing = np.where(np.isfinite(errors), errors, -1.0), max(1, len(errors) // (2 * count))
+    remaining, spacing = np.where(np.isfinite(errors), errors, -1.0), max(1, len(errors) // (2 * WORST_FRAMES))
     chosen: list[int] = []
-    while len(chosen) < count and remaining.max() >= 0:
+    while len(chosen) < WORST_FRAMES and remaining.max() >= 0:
         worst = int(np.argmax(remaining))
         chosen.append(worst)
         remaining[max(0, worst - spacing + 1) : worst + spacing] = -1.0

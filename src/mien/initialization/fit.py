@@ -93,7 +93,7 @@ class FirstFrame:
 
 def tracked_model(model: Candide) -> tuple[Candide, ShapePrior]:
     """The model with the six animation units of the state, upright, and its shape prior."""
-    upright = model.with_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
+    upright = model.with_tracked_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
     return upright, shape_prior(upright)
 
 

@@ -11,8 +11,11 @@ from mien.arrays import Array
 from mien.errors import require
 from mien.geometry.camera import Camera
 
+_ITERATIONS = 50
+"""At most: they end where the relative depths no longer change."""
 
-def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> tuple[Array, Array]:
+
+def posit(model: Array, image: Array, camera: Camera) -> tuple[Array, Array]:
     """Pose from at least four points that are not coplanar.
 
     model: (n, 3) head axes; image: (n, 2) pixels. Returns R (3, 3) head -> camera and t (3,), in units of the model.
@@ -27,7 +30,7 @@ def posit(model: Array, image: Array, camera: Camera, iterations: int = 50) -> t
     B = np.linalg.pinv(M)
     xy = camera.rays(image)[:, :2]
     depth_ratio = np.zeros(len(model))  # epsilon_k = Z_k / Z_0 - 1
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         scaled = xy * (1 + depth_ratio)[:, None] - xy[origin]
         i, j = B @ scaled[:, 0], B @ scaled[:, 1]
         # The two scales agree for exact data; for noisy data their geometric mean works best.
