@@ -59,7 +59,7 @@ class VisibilitySettings(Settings):
     hidden_depth: float = Field(
         0.2, gt=0, description="depth behind the face's own surface above which a landmark is hidden"
     )
-    covered_share: float = Field(
+    graphics_share: float = Field(
         0.3, gt=0, description="share of graphics in a landmark's surroundings above which it is hidden"
     )
     least_covered: int = Field(

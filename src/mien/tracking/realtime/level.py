@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from mien.appearance.face_camera import FaceCamera
 from mien.appearance.regression import PoseRegression
 from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.config import DescriptorSettings
-from mien.geometry.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -29,10 +27,14 @@ class Noise:
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of the appearance: its crop, the descriptors by pose, and the changes (4, n, 128) of the
-    descriptors when the eyes do what `learning._EYES` says. views: the k tilts and l pans in radians of the views;
-    behind: (k, l, n) how far each landmark lies behind the face's own surface there, CANDIDE units. learn_turned:
-    learns the level for a face that has turned further than these views; None in that level itself."""
+    """The appearance of n landmarks at one resolution.
+
+    descriptor, size: its crop, and the side of that in pixels; appearance: the descriptors by pose; eyes: (4, n, 128)
+    changes of the descriptors when the eyes do what `learning._EYES` says; views: the k tilts and l pans in radians of
+    the views; behind: (k, l, n) how far each landmark lies behind the face's own surface there, CANDIDE units; noise:
+    of the first frame; learn_turned: learns the level for a face that has turned further than these views; None in that
+    level itself.
+    """
 
     descriptor: DescriptorSettings
     size: int
@@ -62,10 +64,6 @@ class Level:
         by_view = self.appearance.lack_of_fit.reshape(self.behind.shape)
         trust: Float32 = _trust(by_view, self.views, angles, lack_of_fit)
         return trust
-
-    def camera(self, real: Camera, ray: Array, roll: float, distance: float) -> FaceCamera:
-        """The camera that sees a face as the views show it. ray (3, 3), roll, distance: of a `solution.Pose`."""
-        return FaceCamera(real, ray, roll, self.descriptor.pixels_per_unit * distance, self.size)
 
 
 @kernel()

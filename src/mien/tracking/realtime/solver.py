@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mien.appearance.crop import is_blank
+from mien.appearance.face_camera import FaceCamera
 from mien.arrays import Array, Mask
 from mien.config import RealtimeSettings
 from mien.frame import Frame
@@ -49,11 +50,16 @@ class PoseSolver:
         """The best pose at half the resolution, which sees faces further away from the start."""
         return self.solve(self.view(self.face.coarse, frame, start), start, predicted).pose
 
+    def face_camera(self, level: Level, pose: Pose) -> FaceCamera:
+        """The camera that sees a face at a pose as the views of a level show it."""
+        focal_px = level.descriptor.pixels_per_unit * pose.distance
+        return FaceCamera(self.camera, pose.ray, pose.roll, focal_px, level.size)
+
     def view(self, level: Level, frame: Frame, pose: Pose) -> View:
         """The crop of a frame for a pose at one level, and the landmarks that face the camera there: a set that stays
         as it is while the view is solved."""
         level = level.at(pose.angles)
-        camera = level.camera(self.camera, pose.ray, pose.roll, pose.distance)
+        camera = self.face_camera(level, pose)
         image = camera.sample(frame, level.descriptor.blur)
         X, R = self.person.in_camera(pose), pose.arrays[0]
         facing = pose_geometry.facing_camera(
@@ -67,23 +73,23 @@ class PoseSolver:
         )
         facing &= level.depth_behind(pose.angles) < self.settings.visibility.hidden_depth
         if frame.graphics is not None:
-            facing &= ~self._covered(frame.graphics, X, level.descriptor.reach / camera.scale)
+            facing &= ~self._behind_graphics(frame.graphics, X, level.descriptor.reach / camera.scale)
         if is_blank(image):
             facing[:] = False
         return View(level, pose, pose, image, (camera.projection, pose.ray), facing)
 
-    def covered_share(self, graphics: Graphics, pose: Pose) -> float:
+    def share_behind_graphics(self, graphics: Graphics, pose: Pose) -> float:
         """Share of the landmarks of a face at a pose that graphics cover at full resolution."""
         level = self.face.fine
-        camera = level.camera(self.camera, pose.ray, pose.roll, pose.distance)
-        return float(self._covered(graphics, self.person.in_camera(pose), level.descriptor.reach / camera.scale).mean())
+        reach = level.descriptor.reach / self.face_camera(level, pose).scale
+        return float(self._behind_graphics(graphics, self.person.in_camera(pose), reach).mean())
 
-    def _covered(self, graphics: Graphics, X: Array, reach: float) -> Mask:
+    def _behind_graphics(self, graphics: Graphics, X: Array, reach: float) -> Mask:
         """Of which landmarks (n,), at points X (n, 3) in camera axes, graphics leave too little. reach: pixels of the
         image that their descriptors extend to each side."""
         points, ahead = self.camera.project(X)
         points = np.where(ahead[:, None], points, -math.inf)
-        return graphics.share_around(points, reach) >= self.settings.visibility.covered_share
+        return graphics.share_around(points, reach) >= self.settings.visibility.graphics_share
 
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt."""

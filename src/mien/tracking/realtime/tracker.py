@@ -120,7 +120,7 @@ class RealtimeTracker:
         settled = self._refine_first_pose(frame)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
-        covered = 0.0 if self.graphics is None else self.solver.covered_share(self.graphics, self.pose)
+        covered = 0.0 if self.graphics is None else self.solver.share_behind_graphics(self.graphics, self.pose)
         sharp, rounding = self._quality(frame)
         flat, (R, ray) = landmarks.depths is None, (self.pose.R, self.pose.line_of_sight)
         first = Reference(R, ray, self.fit.axes_sd, covered, sharp, rounding, flat)
@@ -151,10 +151,9 @@ class RealtimeTracker:
     def _quality(self, frame: Frame) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
         if it is blurred or coarsely compressed."""
-        pose = self.pose
-        crop = self.face.fine.camera(self.camera, pose.ray, pose.roll, pose.distance)
-        sharp = sharpness(crop.sample(frame, FINEST))  # however much the descriptors are smoothed
-        rounding = (frame.quantizer_step or 0.0) * crop.scale
+        camera = self.solver.face_camera(self.face.fine, self.pose)
+        sharp = sharpness(camera.sample(frame, FINEST))  # however much the descriptors are smoothed
+        rounding = (frame.quantizer_step or 0.0) * camera.scale
         poor = "blurred or enlarged" if sharp < _BLURRED else "coarsely compressed" if rounding > _COARSE else ""
         if poor:
             warn(
