@@ -6,7 +6,7 @@ import numpy as np
 
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import FACING, exp
-from mien.tracking.realtime.prior import StatePrior
+from mien.tracking.realtime.prior import StatePrior, student_information
 from mien.tracking.realtime.solution import Pose, Prediction
 
 
@@ -19,3 +19,10 @@ def test_the_rest_is_firmer_where_a_prediction_has_turned() -> None:
         prior.arrays(Prediction(pose, prior.information, first)).rest_information for pose in (first, turned)
     )
     assert (side > 5 * front).all()
+
+
+def test_rest_is_firmest_where_nothing_has_moved() -> None:
+    found = student_information(
+        np.array([1.0, 2.0, 1.0, 1.0]), np.array([8.0, 8, 8, 4]), np.array([0.0, 0.5, 1e6, 0.0]), 0.5, 3.0
+    )
+    np.testing.assert_allclose(found, [27, 30, 3, 15])

@@ -11,7 +11,8 @@ from mien.arrays import Array, Mask
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Noise
-from mien.tracking.realtime.solution import Pose, Solution, largest_of_best
+from mien.tracking.realtime.order import largest_of_best
+from mien.tracking.realtime.solution import Pose, Solution
 
 LANDMARKS, N, MOST = len(LANDMARK_NAMES), 33, 60.0
 NOTHING = np.zeros(N, dtype=bool)

@@ -31,7 +31,8 @@ from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Lan
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.abilities import FittedTracker, RepeatableTracker
 from mien.tracking.paper import PaperTracker
-from mien.tracking.realtime import RealtimeTracker, kernels, learning, person
+from mien.tracking.realtime import RealtimeTracker, learning, person
+from mien.tracking.realtime.misplacement import squared_misplacement
 from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
@@ -357,7 +358,7 @@ def test_misplacement_solves_each_landmark_alone() -> None:
     for most in (0.1, 100.0):
         squared = np.square(np.clip(expected, -most, most)).mean(axis=1)
         landmarks = zip(solution.at.M[seen], solution.at.g[seen], strict=True)
-        found = [kernels.squared_misplacement(M, g, most) for M, g in landmarks]
+        found = [squared_misplacement(M, g, most) for M, g in landmarks]
         np.testing.assert_allclose(found, squared, rtol=1e-3)
 
 

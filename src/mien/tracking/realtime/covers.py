@@ -17,7 +17,7 @@ import numpy as np
 from mien.arrays import Array, Mask
 from mien.compiled import kernel
 from mien.config.realtime import VisibilitySettings
-from mien.tracking.realtime.kernels import insert
+from mien.tracking.realtime.order import insert
 
 _USUAL, _OF_THE_BEST = 25.0, 2.0
 """Squared distance at which a landmark looks strange beside a covered one: at least the first, and the second times

@@ -14,11 +14,11 @@ from mien.appearance.descriptors import describe_into
 from mien.arrays import Array, Float32
 from mien.compiled import kernel
 from mien.tracking.realtime.definite import solve_positive, transposed_product
+from mien.tracking.realtime.misplacement import marginalize_misplacement
 from mien.tracking.realtime.pose_geometry import (
     STATE_SIZE,
     PoseArrays,
     angles_along_ray,
-    displacement,
     project,
     step_back,
     step_between,
@@ -34,7 +34,7 @@ class AppearanceArrays(NamedTuple):
     coefficients (n, 15, 128): of the mean descriptor, see `polynomial`; limit (2,): of tilt and pan, radians;
     offset (n, 128): added to the mean by adaptation; U (n, k, 128), gain (n, k), inverse_floor (n,): the metric, see
     `linearize_landmarks`, trust (n,) a factor of it, and `learned` the number of the last rows that were added to it
-    while tracking; variance (n, 4): of the systematic error, see `marginalize_misplacement`.
+    while tracking; variance (n, 4): of the systematic error, see `misplacement`.
     """
 
     coefficients: Float32
@@ -162,84 +162,6 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
 
 
 @kernel()
-def marginalize_misplacement(M: Any, g: Any, d2: float, variance: Any) -> float:
-    """Marginalise a systematic error of one landmark: changes M and g, returns the new d2.
-
-    variance (4,): of the error in [u, v, tilt, pan]. With P = diag(1 / variance) and A = (M + P)^-1 the quadratic form
-    of the landmark becomes M - M A M, its gradient g - M A g, its distance d2 - g A g.
-    """
-    # Cholesky factor L of M + P, then X = L^-1 [M, g], so that M A M = X^T X.
-    L = np.empty((4, 4))
-    X = np.empty((4, 5))
-    for i in range(4):
-        for j in range(i + 1):
-            s = M[i, j] + (1.0 / variance[i] if i == j else 0.0)
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(s, 1e-12)) if i == j else s / L[j, j]
-        for c in range(5):
-            s = M[i, c] if c < 4 else g[i]
-            for k in range(i):
-                s -= L[i, k] * X[k, c]
-            X[i, c] = s / L[i, i]
-    for i in range(4):
-        d2 -= X[i, 4] * X[i, 4]
-        for k in range(4):
-            g[i] -= X[k, i] * X[k, 4]
-            for j in range(4):
-                M[i, j] -= X[k, i] * X[k, j]
-    return max(d2, 0.0)
-
-
-@kernel()
-def misplacement_variance(variance: Any, scale: float, units: Any, a: Any, rest: Any, share: float) -> Any:
-    """Variances (n, 4) of the systematic error of landmarks in [u, v, tilt, pan]: to those measured, in a crop of which
-    a pixel is `scale` pixels of this one, how far an animation (6,) is from rest (6,) adds its part in u and v, times
-    `share`, pixels per unit of length."""
-    out, error = variance.copy(), np.empty(rest.size)
-    for k in range(error.size):
-        error[k] = share * (a[k] - rest[k])
-    for i in range(out.shape[0]):
-        x, y, z = displacement(i, units, error)
-        squared = x * x + y * y + z * z
-        out[i, 0] = scale * scale * out[i, 0] + squared
-        out[i, 1] = scale * scale * out[i, 1] + squared
-    return out
-
-
-@kernel()
-def squared_misplacement(M: Any, g: Any, most: float) -> float:
-    """Mean square per axis, in pixels of the crop, of the step that a landmark alone would take from where the pose
-    puts it, limited to `most`. M (4, 4), g (4,): of a `Linearization`."""
-    a, b, c = M[0, 0] + 1e-6, M[0, 1], M[1, 1] + 1e-6
-    determinant = a * c - b * b
-    u, v = (b * g[1] - c * g[0]) / determinant, (b * g[0] - a * g[1]) / determinant
-    return float(0.5 * (min(u * u, most * most) + min(v * v, most * most)))
-
-
-@kernel()
-def insert(value: float, ordered: Any, count: int) -> None:
-    """Insert a value among the first `count` entries of an ordered array, which has room for it."""
-    k = count
-    while k > 0 and ordered[k - 1] > value:
-        ordered[k] = ordered[k - 1]
-        k -= 1
-    ordered[k] = value
-
-
-@kernel()
-def student_information(information: Any, firmness: Any, moved: Any, within: float, factor: float) -> Any:
-    """Information (6,) of the animation about its rest, with the tails of Student's t: `information` times `1 +
-    firmness` at rest, of which the firmness has halved where an entry of moved (6,) is `within`; all that times
-    `factor`."""
-    out = np.empty(information.size)
-    for k in range(out.size):
-        x = moved[k] / within
-        out[k] = factor * information[k] * (1 + firmness[k] / (1 + x * x))
-    return out
-
-
-@kernel()
 def add_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
     """The part of the prior in Eq. (9): returns its energy, and sets H (12, 12) and G (12,) to its derivatives."""
     start, information, rest, rest_information = prior
@@ -312,7 +234,6 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
 def workspace(n: int) -> tuple[Array | Float32, ...]:
     """Two linearisations of n landmarks for `solve`, zero for those that take no part, with one more dimension: of the
     lowest point so far, and of the next one."""
-
     return (
         np.zeros((2, n, 128), np.float32), np.zeros((2, n, 4, 4)), np.zeros((2, n, 4)), np.zeros((2, n)),
         np.zeros((2, n, 4, STATE_SIZE)), np.zeros((2, n)),

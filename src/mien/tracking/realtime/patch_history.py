@@ -13,7 +13,7 @@ import numpy as np
 
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
-from mien.tracking.realtime.kernels import insert
+from mien.tracking.realtime.order import insert
 from mien.tracking.recent import Recent
 
 LOOK_BACK, LOOK_BACK_SECONDS = 12, 0.39

@@ -15,13 +15,14 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, opening_of
-from mien.tracking.realtime import kernels, pose_geometry
+from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.adaptation import Adaptation
 from mien.tracking.realtime.covers import Covers
 from mien.tracking.realtime.eyes import closing_of
 from mien.tracking.realtime.learning import LearnedFace, learn_face
 from mien.tracking.realtime.level import Level
 from mien.tracking.realtime.look_covariance import LearnedCovariance
+from mien.tracking.realtime.misplacement import learn_misplacement, misplacement_variance
 from mien.tracking.realtime.pose_geometry import PersonArrays
 from mien.tracking.realtime.shape import ShapePosterior, shape_information
 from mien.tracking.realtime.solution import Pose, Solution
@@ -39,11 +40,7 @@ JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss"
 """Landmarks that the jaw carries."""
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
-_LIKE_ITSELF = 1e-3
-"""Robust weight above which a landmark still looks so much like itself that its place can be found."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
-_LARGEST_MISPLACEMENT = 4.0
-"""Pixels of the crop: what is found further from where the pose puts a landmark is something else."""
 _MOST_LEARNED = 0.7
 """Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
 the pose errors of the frames that it was learned from."""
@@ -152,7 +149,7 @@ class Person:
         no face moves exactly as they do. animation: the last frame's; by its own, an error would excuse itself."""
         pixels_per_unit, measured = level.descriptor.pixels_per_unit, self.face.fine.descriptor.pixels_per_unit
         share = self.settings.misplacement.unit_error * pixels_per_unit
-        variance: Array = kernels.misplacement_variance(
+        variance: Array = misplacement_variance(
             self.variance, pixels_per_unit / measured, self.units, animation, self.rest, share
         )
         return variance
@@ -230,7 +227,7 @@ class Person:
     def _learn_locations(self, solution: Solution) -> None:
         """Trust a landmark less that is often found beside where the pose puts it."""
         at, rate = solution.at, self.settings.misplacement.rate
-        _learn_locations(self.variance, self.least_variance, at.M, at.g, solution.facing, at.w, rate)
+        learn_misplacement(self.variance, self.least_variance, at.M, at.g, solution.facing, at.w, rate)
 
     def _learn_shape(self, solution: Solution) -> bool:
         pose = solution.pose
@@ -259,17 +256,6 @@ def _learn_distances(expected: Any, d2: Any, facing: Any, w: Any, rate: float, l
         if facing[i] and w[i] > TRUSTED:
             expected[i] += rate * (d2[i] - expected[i])
         expected[i] = min(max(expected[i], least), most)
-
-
-@kernel()
-def _learn_locations(variance: Any, least: Any, M: Any, g: Any, facing: Any, w: Any, rate: float) -> None:
-    """Moving average of the variance (n, 4) of the position of the landmarks that look like themselves: of the square,
-    per axis, of the step that each alone would take, see `kernels.squared_misplacement`, and at least `least` (n,)."""
-    for i in range(w.size):
-        if facing[i] and w[i] > _LIKE_ITSELF:
-            squared = kernels.squared_misplacement(M[i], g[i], _LARGEST_MISPLACEMENT)
-            for k in range(2):
-                variance[i, k] += rate * (least[i] + squared - variance[i, k])
 
 
 @kernel()

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
+from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.tracking.prior import JAW_DROP, state_sd
-from mien.tracking.realtime import kernels
 from mien.tracking.realtime.kernels import PriorArrays
 from mien.tracking.realtime.solution import Pose, Prediction
 
@@ -51,7 +52,19 @@ class StatePrior:
         s = self.settings
         squared_sine = max(1 - float(predicted.pose.seen_from @ self.seen_from) ** 2, 0.0)
         turned = squared_sine / math.sin(math.radians(s.rest.turn_deg)) ** 2
-        information: Array = kernels.student_information(
+        information: Array = student_information(
             self.rest_information, self.firmness, predicted.last.animation - self.rest, s.rest.within, 1 + turned
         )
         return information
+
+
+@kernel()
+def student_information(information: Any, firmness: Any, moved: Any, within: float, factor: float) -> Any:
+    """Information (6,) of the animation about its rest, with the tails of Student's t: `information` times `1 +
+    firmness` at rest, of which the firmness has halved where an entry of moved (6,) is `within`; all that times
+    `factor`."""
+    out = np.empty(information.size)
+    for k in range(out.size):
+        x = moved[k] / within
+        out[k] = factor * information[k] * (1 + firmness[k] / (1 + x * x))
+    return out

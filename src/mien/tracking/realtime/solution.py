@@ -14,10 +14,11 @@ from mien.appearance.views import CENTRE
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.initialization.landmarks import LANDMARK_NAMES
-from mien.tracking.realtime import kernels, pose_geometry
+from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.definite import inverse_definite
 from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Level, Noise
+from mien.tracking.realtime.order import insert, largest_of_best
 from mien.tracking.realtime.pose_geometry import PoseArrays, ViewArrays
 
 _LEAST_LANDMARKS = 6
@@ -151,15 +152,6 @@ class View:
         return math.hypot(x * z0 / z - x0, y * z0 / z - y0)
 
 
-@kernel(fastmath={"contract"})
-def largest_of_best(values: Any) -> float:
-    """Largest of the smallest half of values (n,); infinite without any."""
-    ordered = np.empty(values.size)
-    for i in range(values.size):
-        kernels.insert(values[i], ordered, i)
-    return float(ordered[values.size // 2]) if values.size else np.inf
-
-
 class _Judgement(NamedTuple):
     """What `_judge` returns: misfits (n,), squared distances without noise over the expected ones, and what the
     properties of `Solution` say."""
@@ -276,13 +268,13 @@ def _judge(d2: Any, noise: Any, contrast: float, facing: Any, expected: Any, mos
         seen[i] = facing[i] and clean[i] <= most
         misfits[i] = clean[i] / expected[i]
         if seen[i]:
-            kernels.insert(d2[i], of_seen, count)
+            insert(d2[i], of_seen, count)
             count += 1
         if facing[i]:
-            kernels.insert(misfits[i], ratios, shown)
+            insert(misfits[i], ratios, shown)
             shown += 1
             if i < telling:
-                kernels.insert(clean[i], of_telling, told)
+                insert(clean[i], of_telling, told)
                 told += 1
                 inliers += seen[i]
     misfit, best_misfit = (ratios[shown // 2], ratios[shown // 4]) if shown else (np.inf, np.inf)
