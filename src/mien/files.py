@@ -1,4 +1,4 @@
-"""Atomic writes: a file appears complete or not at all."""
+"""Files: written so that they appear complete or not at all, checked before, named in errors, and told apart."""
 
 from __future__ import annotations
 

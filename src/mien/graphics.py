@@ -20,7 +20,8 @@ from mien.errors import require
 class Graphics:
     """The pixels of a video that show graphics instead of the face.
 
-    width, height: size of the image; x, y: column and row in it of the first pixel of `mask` (h, w).
+    width, height: size of the image; x, y: column and row in it of the first pixel of `mask` (h, w). Raises MienError
+    for a mask that reaches beyond the image.
     """
 
     width: int

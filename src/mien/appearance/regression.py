@@ -46,9 +46,10 @@ class PoseRegression:
     ) -> PoseRegression:
         """Weighted least squares for the mean, and the covariance of its residuals with the same weights.
 
-        samples: (views, n, 128); terms: (views, p); weight: (views, n), zero where a landmark is hidden; changes: (k,
-        n, 128) further changes of a descriptor, whose sum of squares goes into the covariance and which leave the mean
-        alone.
+        samples: (views, n, 128); terms: (views, p); weight: (views, n), zero where a landmark is hidden; limit: (2,)
+        of tilt and pan, radians; floor: variance of a descriptor's entries in every direction; rank: number of
+        directions with more; changes: (k, n, 128) further changes of a descriptor, whose sum of squares goes into the
+        covariance and which leave the mean alone.
         """
         # A landmark that is visible in too few views for its coefficients uses them all.
         enough = (weight > 0).sum(axis=0) >= 2 * terms.shape[1]

@@ -13,7 +13,7 @@ from mien.initialization.fit import FirstFrame
 
 
 def texture_from_frame(frame: Frame, fit: FirstFrame, camera: Camera, pixels_per_unit: float) -> Texture:
-    """Grey texture of the fitted CANDIDE."""
+    """Grey texture of the CANDIDE that is fitted to a frame; pixels_per_unit: as of `texture_of_vertices`."""
     return texture_of_vertices(frame, fit.in_camera(), float(fit.t[2]), camera, pixels_per_unit)
 
 

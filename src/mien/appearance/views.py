@@ -40,9 +40,10 @@ CENTRE = np.array([0.0, -0.1, 0.0])
 def crop_of_face(
     R: Array, t: Array, camera: Camera, pixels_per_unit: float, size: int, *, upright: bool = True
 ) -> Crop:
-    """Crop in which a CANDIDE unit at the distance of the face measures `pixels_per_unit`.
+    """Crop, (size, size), in which a CANDIDE unit at the distance of the face measures `pixels_per_unit`.
 
-    Unless `upright`, the crop turns with the head, so that roll no longer changes what is in it.
+    R (3, 3), t (3,): pose of the head, camera axes. Unless `upright`, the crop turns with the head, so that roll no
+    longer changes what is in it.
     """
     x, y, z = (R @ CENTRE + t).tolist()
     z = max(z, 1e-6)
@@ -79,7 +80,8 @@ def render_view(
     size: int,
     background: float,
 ) -> tuple[Float32, Array]:
-    """Grey crop (size, size) of the model (V, 3 in head axes) at a pose, and its vertices in it (V, 2)."""
+    """Grey crop (size, size) of a model at a pose R (3, 3), t (3,), and its vertices in it (V, 2), pixels. vertices:
+    (V, 3) head axes; triangles: (T, 3); background: grey value beside the model."""
     crop = crop_of_face(R, t, camera, pixels_per_unit, size)
     view = crop_camera(camera, crop)
     posed = vertices @ R.T + t

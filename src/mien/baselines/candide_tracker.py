@@ -88,7 +88,8 @@ class CandideTracker(ABC):
     """Width and height of the first frame."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Fit the first frame and learn the appearance of its face."""
+        """Fit the first frame and learn the appearance of its face. Raises MienError for landmarks that cannot be
+        tracked."""
         require_first(frame, landmarks, camera)
         self.size, self.camera = None, camera  # until the face is known
         self.fit = fit_first_frame(landmarks, camera)
@@ -100,7 +101,8 @@ class CandideTracker(ABC):
         return self._estimate(frame, Status.INITIALIZED)
 
     def track(self, frame: Frame) -> Estimate:
-        """Search for the face in the next frame."""
+        """Search for the face in the next frame. Raises MienError before `initialize`, and for a frame whose size
+        differs from the first one's."""
         require_next_of(self.size, frame)
         found = self._search(frame)
         if not in_view(self.landmarks.in_camera(found.b), self.camera, frame):

@@ -25,7 +25,8 @@ class RigidTracker(ABC):
     """Width and height of the first frame."""
 
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
-        """Fit the surface to the first frame's face and learn its appearance."""
+        """Fit the surface to the first frame's face and learn its appearance. Raises MienError for landmarks that
+        cannot be tracked."""
         require_first(frame, landmarks, camera)
         self.size = None  # until the face is known
         fit = fit_first_frame(landmarks, camera)
@@ -37,7 +38,8 @@ class RigidTracker(ABC):
         return self.head.estimate(frame, Status.INITIALIZED, self.pose)
 
     def track(self, frame: Frame) -> Estimate:
-        """Register the next frame and learn from it."""
+        """Register the next frame and learn from it. Raises MienError before `initialize`, and for a frame whose size
+        differs from the first one's."""
         require_next_of(self.size, frame)
         view, found = self._registered(frame)
         if found is None or view is None or not self.head.in_sight(frame, found):

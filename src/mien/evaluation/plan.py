@@ -27,7 +27,7 @@ class Plan:
     OpenFace's as `openface:PATH`; protocol: its name; landmarks: one of `LANDMARK_SOURCES`; focal_px: replaces that of
     the data set; lost_deg: threshold of the protocol `paper`; sequences: their names, as strings that may contain
     several separated by commas, or empty for all; timed: number of sequences on which the cost of each tracker is
-    measured.
+    measured. Raises MienError for what cannot be evaluated, as an unknown tracker.
     """
 
     dataset: str

@@ -69,8 +69,7 @@ class Comparison:
 
     truth_deg, estimate_deg: (n, 3) tilt, pan, roll since the first frame, with the last estimate held in lost frames;
     rotation_error_deg: (n,) angle between the two rotations; lost: (n,) frames in which the tracker gave no pose;
-    sd_deg: (n, 3) and covariance_deg2: (n, 3, 3) of the estimated angles, NaN if not given. Angles are NaN in frames
-    without truth.
+    covariance_deg2: (n, 3, 3) of the estimated angles, NaN if not given. Angles are NaN in frames without truth.
     """
 
     protocol: Protocol

@@ -32,7 +32,8 @@ along the longer side, lenses for interviews 25 to 45."""
 @dataclass(frozen=True)
 class Camera:
     """Pinhole camera: focal length and principal point (cx, cy), all in pixels. focal_log_sd: standard deviation of the
-    logarithm of a focal length that is assumed; 0 for one that is known."""
+    logarithm of a focal length that is assumed; 0 for one that is known. Raises MienError for values that are no finite
+    numbers, and for a focal length that is not positive."""
 
     focal_px: float
     cx: float
@@ -65,7 +66,8 @@ class Camera:
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float = DEFAULT_FOV_DEG) -> Camera:
-        """Centred camera for an image of this size in pixels, with a horizontal field of view in degrees."""
+        """Centred camera for an image of this size in pixels, with a horizontal field of view in degrees. Raises
+        MienError if that does not lie between 0 and 180."""
         require(0 < fov_deg < 180, f"the field of view must lie between 0 and 180 degrees, not {fov_deg:g}")
         return cls.centred(0.5 * width / math.tan(math.radians(fov_deg) / 2), width, height)
 

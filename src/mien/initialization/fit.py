@@ -86,13 +86,14 @@ class FirstFrame:
         return self.model.pose(self.vertices(), self.R, self.t)
 
     def mesh(self, R: Array | None, t: Array | None, animation: Array | None) -> Array | None:
-        """Vertices (V, 3) in camera axes at a pose; None without one. An unknown animation is that of the first
-        frame."""
+        """Vertices (V, 3) in camera axes at a pose R (3, 3), t (3,); None without one. An animation (6,) that is not
+        known is that of the first frame."""
         return None if R is None or t is None else self.model.pose(self.vertices(animation), R, t)
 
 
 def tracked_model(model: Candide) -> tuple[Candide, ShapePrior]:
-    """The model with the six animation units of the state, upright, and its shape prior."""
+    """The model with the six animation units of the state, upright, and its shape prior. Raises MienError if it lacks a
+    unit."""
     upright = model.with_tracked_units().turned(exp(np.array([np.radians(-LEAN_DEG), 0, 0])))
     return upright, shape_prior(upright)
 

@@ -53,7 +53,7 @@ def read_landmarks(
 
 def write_landmarks(path: str | Path, landmarks: Landmarks, size: tuple[int, int] | None = None) -> None:
     """Write a `.json`, or a `.pts` if the scheme is ibug68. size: width and height of their frame, which a `.json`
-    states."""
+    states. Raises MienError for any other file, and if it cannot be written."""
     path = Path(path)
     writers: dict[str, Callable[[Path, Landmarks], str]]
     writers = {".json": partial(_json_text, size=size), ".pts": _pts_text}

@@ -159,7 +159,8 @@ class Landmarks:
     camera, if the source estimates it; frame_index, time (seconds): of their frame; source: named in error messages;
     disagreement: how far detections in several copies of the frame are apart, as the median difference of coordinates
     over the face's size, if they were averaged over such; graphics: what stands still before the face in the video;
-    marked: where somebody has marked landmarks, (2,) by name, if the points are a detector's.
+    marked: where somebody has marked landmarks, (2,) by name, if the points are a detector's. Raises MienError for
+    anything else; `check` for landmarks that no tracker can begin with.
     """
 
     points: Array

@@ -1,1 +1,1 @@
-"""Track files, overlay videos and plots."""
+"""What becomes of estimates: tables, overlay videos, plots, moving heads, and the summary of many videos."""

@@ -274,7 +274,8 @@ class Track:
         return cls(read_table(path), read_metadata(path.with_suffix(".json")))
 
     def plot(self, path: str | Path) -> Path:
-        """Plot angles and animation units over time to a PNG, PDF or SVG file, by its suffix."""
+        """Plot angles and animation units over time to a PNG, PDF or SVG file, by its suffix; returns its path. Raises
+        MienError for another suffix, and if it cannot be written."""
         from mien.output.plots import plot_track
 
         picture = require_ending(Path(path), PLOT_ENDINGS)
@@ -288,7 +289,7 @@ class Track:
         after; it holds the first and the last. The extras of the animation list these stretches as `untracked`: seconds
         of the first and the last frame of each. A warning tells of a track that is nowhere that sure, and whose head
         moves as it says nevertheless. Raises MienError for a track without a mesh (see `mesh`), or whose face is lost
-        in every frame.
+        in every frame, and for another suffix. Returns its path.
         """
         from mien.output.gltf import write_gltf
 

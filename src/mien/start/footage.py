@@ -28,7 +28,8 @@ class Footage:
     """The part of a video to track, and what is known about its camera.
 
     camera: a camera or its JSON file; or focal_px; or fov_deg (horizontal); by default `Camera.unknown`. start, end:
-    seconds, a half-open interval; fps: frames per second at which a folder of images was asked to be opened.
+    seconds, a half-open interval; fps: frames per second at which a folder of images was asked to be opened. Raises
+    MienError for options that no video allows.
     """
 
     video: Video

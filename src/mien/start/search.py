@@ -21,8 +21,7 @@ from mien.start.footage import Footage
 from mien.start.looks import detail, disagreement_error, expected_errors, eye_opening, turn_of
 from mien.start.still import StillSearch
 from mien.tracking.scene import numbered_by_shot
-from mien.video import Video, decode_frame
-from mien.video.selection import SAME_TIME
+from mien.video import SAME_TIME, Video, decode_frame
 
 _LOOK_SECONDS = 10.0
 """How long the best first frame is searched for once the face looks into the camera."""

@@ -53,5 +53,5 @@ class AppearanceLikelihood:
         return self.describe(self.crop.to_crop(np.nan_to_num(p)))
 
     def energy(self, b: Array) -> float:
-        """First term of Eq. (9)."""
+        """First term of Eq. (9): a sum, as by Eq. (5) the landmarks are independent."""
         return float(self.gaussians.squared_distance(self.observe(b)).sum())

@@ -10,12 +10,13 @@ The rest of mien imports these names from here, whichever file they are in.
 from mien.video.container import VIDEO_SUFFIXES
 from mien.video.folder import FOLDER_FPS, IMAGE_SUFFIXES, list_images, refuse_among_images
 from mien.video.scaling import warn_of_another_size
-from mien.video.selection import backwards, check_interval, decode_frame, expected_count, select
+from mien.video.selection import SAME_TIME, backwards, check_interval, decode_frame, expected_count, select
 from mien.video.source import Source, Video, check_fps, open_video
 
 __all__ = [
     "FOLDER_FPS",
     "IMAGE_SUFFIXES",
+    "SAME_TIME",
     "VIDEO_SUFFIXES",
     "Source",
     "Video",

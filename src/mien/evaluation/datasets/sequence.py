@@ -83,8 +83,7 @@ class Sequence:
 
     kind: category of the sequence in the tables; truth_files: the files of the truth, if it is in files; read_truth:
     reads the truth, given the number of frames of the video, and raises MienError if they do not match; camera: if
-    known; focal_px, focal_per_width: if only the focal length is known; with none of them, a field of view of 60
-    degrees.
+    known; focal_px, focal_per_width: if only the focal length is known; with none of them, `Camera.unknown`.
     """
 
     name: str
@@ -112,7 +111,7 @@ class Sequence:
         return truth
 
     def camera_for(self, width: int, height: int) -> Camera:
-        """The camera for images of this size in pixels. Raises MienError if its field of view is too wide."""
+        """The camera for images of this size in pixels. Raises MienError for a field of view that no lens has."""
         if self.camera is not None:
             camera = self.camera
         elif self.focal_px is not None:

@@ -43,7 +43,7 @@ class HeadAxes:
         shape: ShapePosterior,
         settings: AxesSettings,
     ) -> None:
-        """first: the rotation of the model in the first frame."""
+        """first: with the axes as the first frame alone shows them; shape: from which they are known better."""
         self.fit, self.first, self.reported = fit, first, first.R
         self.share = np.array([settings.tilt_share, settings.pan_share])
         self.R_model_head = np.eye(3)

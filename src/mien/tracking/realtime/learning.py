@@ -173,8 +173,8 @@ class _ViewRenderer:
         return seen, seen if light is None else of(drawn.lit[:, :, 0]), drawn.depth
 
     def weight(self, posed: _Posed, behind: Array, s: RealtimeSettings) -> Array:
-        """How much views teach of each landmark (..., n): nothing where it is hidden, little where it is seen edge-on.
-        behind: (..., n) see `_depth_behind`."""
+        """How much views teach of each landmark, (..., n) in [0, 1]: nothing where it is hidden, little where it is
+        seen edge-on. behind: (..., n) see `_depth_behind`."""
         points, normals, camera = posed.points, self.face.normals, (self.camera.vector, self.size, self.size)
         facing = np.empty(behind.shape, bool)
         for view in np.ndindex(facing.shape[:-1]):
@@ -252,8 +252,8 @@ def _render_views(
     s: RealtimeSettings,
     lights: Array | None = None,
 ) -> tuple[_Views, Float32]:
-    """Render the face as it is posed at these tilts and pans, and describe it; also by the descriptors (tilts, pans, n,
-    128) in other lights (tilts, pans, 3), see `spread_lights`, which without them are the same."""
+    """Render the face as it is posed at these tilts and pans, and describe it. Returns what the views show, and their
+    descriptors (k, l, n, 128) in a light for each, lights (k, l, 3), see `spread_lights`; without them the same."""
     light = None if lights is None else np.exp(renderer.normals @ np.swapaxes(posed.R, -1, -2) @ lights[..., None])
     shape = (*posed.points.shape[:-1], LENGTH)
     seen, lit, behind = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape[:-1])
