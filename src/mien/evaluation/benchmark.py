@@ -74,7 +74,32 @@ def run_plan(
     _require_same_dataset(plan)
     _require_own_files(plan, sequences)
     require_writable(evaluation_path(plan.out))
-    evaluation = Evaluation(
+    evaluation = _evaluation_of(plan, sequences)
+    evaluation.save(plan.out)
+    timed = partial(_run, time_limit=time_limit, progress=progress)
+    run = partial(timed, forked=forked)
+    kinds = {s.name: s.kind for s in sequences}
+
+    def save_failure(job: Job, reason: str) -> None:
+        kind = kinds[job.sequence]
+        SequenceResult(job.label, job.dataset, job.sequence, kind, job.settings, failure=reason).save(Path(job.out))
+
+    without_face = run([j for s in sequences if not _is_done(j := first_frame_job(plan, s))], jobs)
+    faceless = {job.sequence: reason for job, reason in without_face}
+    tracks = [track_job(plan, t, s) for t in plan.trackers for s in sequences]
+    for job in tracks:
+        if job.sequence in faceless:
+            save_failure(job, faceless[job.sequence])
+    ready = [job for job in tracks if job.sequence not in faceless]
+    run([job for job in ready if not _is_done(job)], jobs, on_failure=save_failure)
+    for job, reason in timed([job for job in timing_jobs(plan, ready) if not _is_done(job)], 1):
+        warn(f"{job.label} on {job.sequence} was not timed: {reason}")
+    return evaluation
+
+
+def _evaluation_of(plan: Plan, sequences: Sequence[DataSequence]) -> Evaluation:
+    """The description of a plan for these sequences."""
+    return Evaluation(
         dataset=plan.dataset,
         protocol=plan.protocol,
         landmarks=plan.landmarks,
@@ -84,26 +109,6 @@ def run_plan(
         kinds_of_sequences=tuple(s.kind for s in sequences),
         command=command_of(plan),
     )
-    evaluation.save(plan.out)
-    timed = partial(_run, time_limit=time_limit, progress=progress)
-    run = partial(timed, forked=forked)
-    faceless = run([j for s in sequences if not _is_done(j := first_frame_job(plan, s))], jobs)
-    no_face = {job.sequence: reason for job, reason in faceless}
-    for tracker in plan.trackers:
-        for s in sequences:
-            if s.name in no_face:
-                _save_failure(track_job(plan, tracker, s), s.kind, no_face[s.name])
-    ready = [s for s in sequences if s.name not in no_face]
-    kinds = {s.name: s.kind for s in sequences}
-    tracks = [track_job(plan, t, s) for t in plan.trackers for s in ready]
-    run(
-        [job for job in tracks if not _is_done(job)],
-        jobs,
-        on_failure=lambda job, reason: _save_failure(job, kinds[job.sequence], reason),
-    )
-    for job, reason in timed([job for job in timing_jobs(plan, tracks) if not _is_done(job)], 1):
-        warn(f"{job.label} on {job.sequence} was not timed: {reason}")
-    return evaluation
 
 
 def _require_own_files(plan: Plan, sequences: Sequence[DataSequence]) -> None:
@@ -215,10 +220,6 @@ def _command(job: Job) -> Command | Call:
     arguments = (job.to_json(),)
     call = Call(f"{name} · {job.sequence}", "mien.evaluation.job:main", arguments, ONE_THREAD, "mien.worker")
     return call.command if code_of(job.tracker) else call
-
-
-def _save_failure(job: Job, kind: str, reason: str) -> None:
-    SequenceResult(job.label, job.dataset, job.sequence, kind, job.settings, failure=reason).save(Path(job.out))
 
 
 def _is_done(job: Job) -> bool:

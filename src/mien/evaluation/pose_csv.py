@@ -83,11 +83,7 @@ def read_pose_csv(path: Path) -> PoseTable:
         has_pose or count in SCHEME_OF_COUNT,
         f"{path} has neither the columns {', '.join(ROTATION)} nor the landmarks x_0, y_0 .. of 68 or 26 points",
     )
-    if count and count not in SCHEME_OF_COUNT:
-        warn(f"{path}: only its pose is read, and none of its {count} landmarks, as they are neither 68 nor 26")
-    if not has_pose and any(name.lower().startswith("pose") for name in names):
-        lacking = min(set(ROTATION) - set(names))
-        warn(f"{path}: only its landmarks are read, and no pose, as it lacks the column {lacking}")
+    _warn_of_what_is_not_read(path, names, count)
     tracked = np.nan_to_num(_column(path, rows, "success", 1.0)) > 0
     frame, numbered = _frame_numbers(path, rows), "frame" in names
     angles = _columns(path, rows, ROTATION) if has_pose else None
@@ -116,6 +112,15 @@ def read_pose_csv(path: Path) -> PoseTable:
         by_mien=by_mien,
         angles=angles,
     )
+
+
+def _warn_of_what_is_not_read(path: Path, names: Sequence[str], count: int) -> None:
+    """Warn of landmarks, of which there are this number, or of a pose, that a CSV with these columns has in vain."""
+    if count and count not in SCHEME_OF_COUNT:
+        warn(f"{path}: only its pose is read, and none of its {count} landmarks, as they are neither 68 nor 26")
+    lacking = set(ROTATION) - set(names)
+    if lacking and any(name.lower().startswith("pose") for name in names):
+        warn(f"{path}: only its landmarks are read, and no pose, as it lacks the column {min(lacking)}")
 
 
 def _frame_numbers(path: Path, rows: Sequence[dict[str, str]]) -> Array:

@@ -55,26 +55,12 @@ def write_gltf(track: Track, path: Path) -> None:
     that sure, all with the face have keys, with a warning. Raises MienError if the track has no mesh, no camera, or no
     frame with the face.
     """
-    rest, t, animation = track.rest, track.translation_mm, track.animation
-    require(track.lost < len(track), f"{path}: the face is lost in every frame of the track; there is nothing to write")
-    if rest is None or t is None or animation is None or not {"camera", "video"} <= track.metadata.keys():
-        raise MienError(
-            f"{path}: the track has no mesh. If its estimates are of mien.stream, record the video and give that to "
-            "mien.track; if it was read, keep the JSON beside the table; if its preset fits no expression, choose one "
-            "such as realtime"
-        )
-    known = np.isfinite(np.column_stack([t, track.euler_deg, animation])).all(axis=1)
-    require(
-        bool(known.any()),
-        f"{path}: no row of the track has pose_Rx, pose_Ry, pose_Rz, a position and an expression; track the video "
-        "again",
-    )
+    (vertices, units), t, animation, known = _required(track, path)
     time = _times(track, path)
     sure = known & (track.confidence >= _SURE)
     if not sure.any():
         warn(f"{path}: the confidence is below one half in all of the track; the head moves as it says nevertheless")
     rows, key_times = _key_rows(time, sure if sure.any() else known, path)
-    vertices, units = rest
     closed = np.zeros(len(track)) if track.eyes_closed is None else np.nan_to_num(track.eyes_closed)
     targets, weights = _morph_targets(vertices, units, animation[rows], closed[rows])
     R = FACING @ matrix_from_euler(np.radians(track.euler_deg[rows])) @ FACING
@@ -100,6 +86,26 @@ def write_gltf(track: Track, path: Path) -> None:
     }
     with whole_file(path) as file:
         file.write_bytes(_container(content | buffer.description, buffer.content))
+
+
+def _required(track: Track, path: Path) -> tuple[tuple[Array, Array], Array, Array, Mask]:
+    """What a head is made of: `Track.rest`, positions (n, 3) in millimetres, the animation (n, 6), and which rows (n,)
+    have all of a pose. Raises MienError if the track lacks any, or no row has a pose."""
+    rest, t, animation = track.rest, track.translation_mm, track.animation
+    require(track.lost < len(track), f"{path}: the face is lost in every frame of the track; there is nothing to write")
+    if rest is None or t is None or animation is None or not {"camera", "video"} <= track.metadata.keys():
+        raise MienError(
+            f"{path}: the track has no mesh. If its estimates are of mien.stream, record the video and give that to "
+            "mien.track; if it was read, keep the JSON beside the table; if its preset fits no expression, choose one "
+            "such as realtime"
+        )
+    known = np.isfinite(np.column_stack([t, track.euler_deg, animation])).all(axis=1)
+    require(
+        bool(known.any()),
+        f"{path}: no row of the track has pose_Rx, pose_Ry, pose_Rz, a position and an expression; track the video "
+        "again",
+    )
+    return rest, t, animation, np.asarray(known)
 
 
 def is_gltf_of_mien(path: Path) -> bool:
