@@ -9,9 +9,8 @@ import pytest
 
 from long_motion import gentle_sequence, leaving
 from mien.config import DescriptorSettings, PaperSettings
-from mien.errors import MienError
 from mien.geometry.rotation import angle_between
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence
 from mien.tracking import paper
 from mien.tracking.paper import PaperTracker, learn_views
@@ -130,9 +129,3 @@ def test_black_frames_are_no_exception() -> None:
     estimates = run(PaperTracker(QUICK), small_motion(blank={1, 2, 3}))
     assert [e.status for e in estimates] == [Status.INITIALIZED] + [Status.TRACKED] * 3  # it has no test of loss
     assert all(e.rotation is not None and np.isfinite(e.rotation).all() for e in estimates)
-
-
-def test_landmarks_of_another_video_are_refused() -> None:
-    given = face().landmarks
-    with pytest.raises(MienError, match="outside the image"):
-        PaperTracker().initialize(face().frame, Landmarks(given.points + 300, given.scheme), face().camera)

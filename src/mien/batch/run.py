@@ -101,18 +101,23 @@ def _track_found(
                 due = monotonic() + (monotonic() - begun) / _SHARE_OF_WRITING
             progress(sum(faces[0].state != PENDING for faces in found), len(found), started[-1])
     except BaseException:
-        for k in waiting:
-            if found[k][0].state == PENDING:
-                (row,) = found[k]  # unless its process has finished it meanwhile
-                finished = _times([row.table]).get(row.table) != earlier.get(row.table)
-                found[k] = (finished and _kept_rows(row, options)) or [row]
-        done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
-        how = "the same command tracks all of them again" if options.again else "run the same command again to continue"
-        warn(f"stopped; {done} of {len(found)} videos are done; {how}")
+        _note_stopped(found, options, earlier)
         raise
     finally:
         summary.write(found)
     return [faces[0] for faces in found]
+
+
+def _note_stopped(found: list[list[Row]], options: BatchOptions, earlier: Mapping[Path, int]) -> None:
+    """Note which of the videos that are pending have been finished by their processes meanwhile, and warn of how many
+    are done. earlier: `_times` of their files before."""
+    for k, (row, *_) in enumerate(found):
+        if row.state == PENDING:
+            finished = _times([row.table]).get(row.table) != earlier.get(row.table)
+            found[k] = (finished and _kept_rows(row, options)) or [row]
+    done = sum(faces[0].state in (TRACKED, KEPT) for faces in found)
+    how = "the same command tracks all of them again" if options.again else "run the same command again to continue"
+    warn(f"stopped; {done} of {len(found)} videos are done; {how}")
 
 
 def _all_files(table: Path) -> tuple[Path, ...]:

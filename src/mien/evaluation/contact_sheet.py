@@ -10,16 +10,17 @@ import numpy as np
 from mien.arrays import Array, Pixels
 from mien.candide.model import Candide
 from mien.evaluation.scores import Score
-from mien.evaluation.worst import frame_errors
+from mien.evaluation.worst import WORST_FRAMES, frame_errors
 
-SHEET_FRAMES, SHEET_COLUMNS, TILE = 20, 5, 320
+SHEET_COLUMNS, TILE = 5, 320
+"""Frames in a row, and side of the picture of each in pixels."""
 MESH, ESTIMATE, TRUTH = (255, 220, 120), (120, 255, 90), (60, 60, 255)  # BGR
 
 
 def contact_sheet(scores: Sequence[Score]) -> Pixels | None:
     """A BGR image of the frames with the largest errors of all sequences, with mesh, landmarks (green) and truth (red);
     None without images."""
-    worst = sorted(_pictured(scores), key=lambda item: -item[0])[:SHEET_FRAMES]
+    worst = sorted(_pictured(scores), key=lambda item: -item[0])[:WORST_FRAMES]
     if not worst:
         return None
     tiles = [_tile(score, frame, error) for error, score, frame in worst]

@@ -12,7 +12,7 @@ from mien.evaluation.protocols import Protocol, compare
 from mien.evaluation.results import TrackTable
 
 WORST_FRAMES = 20
-"""Number of frames whose images a result stores; the contact sheet shows the worst twenty of all sequences."""
+"""Number of frames whose images a result stores; a contact sheet shows as many, which may all be of one sequence."""
 
 
 def worst_frames(track: TrackTable, truth: Truth) -> tuple[int, ...]:

@@ -509,10 +509,11 @@ def test_the_mesh_is_the_fitted_face() -> None:
     assert tracker.mesh(Estimate.lost(face().frame, "gone")) is None
 
 
-def test_landmarks_of_another_video_are_refused() -> None:
+@pytest.mark.parametrize("new", TRACKERS)
+def test_landmarks_of_another_video_are_refused(new: Callable[[], Tracker]) -> None:
     given = face().landmarks
     with pytest.raises(MienError, match="outside the image"):
-        RealtimeTracker().initialize(face().frame, Landmarks(given.points + 300, given.scheme), face().camera)
+        new().initialize(face().frame, Landmarks(given.points + 300, given.scheme), face().camera)
 
 
 def test_few_landmarks_say_less_than_that_a_head_moves_little() -> None:
