@@ -13,6 +13,7 @@ from mien.arrays import Array, Float32, Pixels
 _TWICE_TWICE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 """Second differences of second differences: zero for edges along rows and columns, and for slopes."""
 _NORM = 6.0
+"""Square root of the sum of its squares: by how much it multiplies the standard deviation of noise."""
 _MEDIAN = 0.6745
 """Median of the absolute value of a Gaussian variable, in standard deviations."""
 

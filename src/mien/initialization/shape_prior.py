@@ -17,10 +17,13 @@ from mien.candide.model import Candide
 
 UNIT_SD = 0.06
 """Standard deviation, in CANDIDE units, of the largest displacement of each shape unit."""
-FIELD_SD = 0.025
-FIELD_LENGTH = 0.18
+FIELD_SD, FIELD_LENGTH = 0.025, 0.18
+"""Standard deviation of a vertex in the symmetric displacement fields, and the length over which they are correlated,
+CANDIDE units."""
 ASYMMETRY = 0.3
 """Ratio of the standard deviations of antisymmetric and symmetric displacement fields."""
+_LEAST_VARIANCE = 0.02
+"""Variance of a mode, in those of a vertex, up to which it is left out."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +55,16 @@ def shape_prior(model: Candide) -> ShapePrior:
 
 
 def _smooth_fields(vertices: Array) -> Array:
-    """Displacement fields (M, V, 3): the scaled principal modes of a Gaussian process over the vertices."""
+    """Displacement fields (M, V, 3): the scaled principal modes of a Gaussian process over the vertices, in each
+    coordinate, with the covariances `sd^2 (near + mirrored)` and `sd^2 (near - mirrored)`."""
     near, mirrored = proximity(vertices, vertices), proximity(vertices, vertices * [-1, 1, 1])
     modes = {sign: np.linalg.eigh(0.5 * (near + sign * mirrored)) for sign in (1.0, -1.0)}
     fields = []
     for axis, parity in product(range(3), (1.0, -1.0)):
         # In a symmetric field, x changes sign between the sides of the face, and y and z do not.
         values, vectors = modes[parity * (-1.0 if axis == 0 else 1.0)]
-        kept = values > 0.02
-        sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)
+        kept = values > _LEAST_VARIANCE
+        sd = FIELD_SD * (1.0 if parity > 0 else ASYMMETRY) * np.sqrt(2)  # as the modes are of half of that
         block = np.zeros((int(kept.sum()), len(vertices), 3))
         block[:, :, axis] = (vectors[:, kept] * (sd * np.sqrt(values[kept]))).T
         fields.append(block)
