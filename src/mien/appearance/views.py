@@ -45,11 +45,15 @@ def crop_of_face(
     R (3, 3), t (3,): pose of the head, camera axes. Unless `upright`, the crop turns with the head, so that roll no
     longer changes what is in it.
     """
+    angle = 0.0 if upright else roll_of(R)
+    return Crop(centre_of_face(R, t, camera), pixels_per_unit * float(t[2]) / camera.focal_px, angle, size)
+
+
+def centre_of_face(R: Array, t: Array, camera: Camera) -> tuple[float, float]:
+    """Where the image shows `CENTRE`, in pixels, at a pose R (3, 3), t (3,)."""
     x, y, z = (R @ CENTRE + t).tolist()
     z = max(z, 1e-6)
-    centre = camera.focal_px * x / z + camera.cx, camera.focal_px * y / z + camera.cy
-    angle = 0.0 if upright else roll_of(R)
-    return Crop(centre, pixels_per_unit * float(t[2]) / camera.focal_px, angle, size)
+    return camera.focal_px * x / z + camera.cx, camera.focal_px * y / z + camera.cy
 
 
 def roll_of(R: Array) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from mien.appearance.crop import Crop
 from mien.appearance.descriptors import describe, describe_with_opencv, orientation_maps
 from mien.appearance.gaussian import Gaussians
-from mien.appearance.views import crop_of_face, rendered_views, view_rotations
+from mien.appearance.views import centre_of_face, rendered_views, view_rotations
 from mien.arrays import Array, Float32
 from mien.candide.model import Candide
 from mien.config import DescriptorSettings, PaperSettings, given_or_default
@@ -110,10 +110,9 @@ class PaperTracker:
     def _likelihood(self, frame: Frame) -> AppearanceLikelihood:
         R, t, _ = unpack(self.b)
         d = self.settings.descriptor
-        centre = crop_of_face(R, t, self.camera, d.pixels_per_unit, 1).centre
         # The patches keep the size in pixels of the first frame: the paper adapts neither scale nor orientation.
         scale = d.pixels_per_unit * self.scale_distance / self.camera.focal_px
-        crop = Crop(centre, scale, 0.0, crop_size(d))
+        crop = Crop(centre_of_face(R, t, self.camera), scale, 0.0, crop_size(d))
         reader = Reader.of(crop.sample(frame, d.blur), d)
         return AppearanceLikelihood(self.landmarks, self.camera, crop, reader, self.gaussians)
 

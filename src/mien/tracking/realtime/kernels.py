@@ -162,7 +162,7 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
 
 
 @kernel()
-def add_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
+def linearize_prior(pose: Any, prior: Any, H: Any, G: Any) -> float:
     """The part of the prior in Eq. (9): returns its energy, and sets H (12, 12) and G (12,) to its derivatives."""
     start, information, rest, rest_information = prior
     step = step_between(*start, *pose)
@@ -209,7 +209,7 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     terms = polynomial(tilt, pan, limit)
     linearize_landmarks(maps, sampling, q, appearance, terms, active, at)
     _, M, g, d2, B, w, H, G = at
-    energy = add_prior(pose, prior, H, G)
+    energy = linearize_prior(pose, prior, H, G)
     for i in range(q.shape[0]):
         w[i] = 0.0
         if active[i] <= 0.0:

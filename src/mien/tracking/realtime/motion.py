@@ -24,7 +24,7 @@ from mien.compiled import kernel
 from mien.config.realtime import MotionSettings
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.definite import inverse, solve_positive
-from mien.tracking.realtime.kernels import PriorArrays, add_prior
+from mien.tracking.realtime.kernels import PriorArrays, linearize_prior
 from mien.tracking.realtime.pose_geometry import (
     STATE_SIZE,
     PersonArrays,
@@ -298,7 +298,7 @@ def align(
                 total += w
                 squared += w * off[i]
         usual = max(squared / total, _LEAST_GREY * _LEAST_GREY)
-        add_prior(pose, prior, H, G)
+        linearize_prior(pose, prior, H, G)
         for r in range(STATE_SIZE):
             for c in range(STATE_SIZE):
                 D[r, c] = 0.0
