@@ -30,8 +30,8 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
-_PACKAGES = ("appearance", "candide", "geometry", "tracking")
-"""Where kernels are, and what is compiled into them."""
+_PACKAGES = ("appearance", "candide", "geometry", "initialization", "tracking")
+"""Where kernels are, and what is compiled into them: also the numbers of landmarks."""
 
 
 @cache

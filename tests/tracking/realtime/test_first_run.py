@@ -90,12 +90,13 @@ def _known(**environment: str) -> list[str]:
     return done.stdout.split()
 
 
-def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(tmp_path: Path) -> None:
-    """As by an upgrade; not because a file was written again as it was."""
+@pytest.mark.parametrize("name", ["tracking/realtime/pose_geometry.py", "initialization/landmarks.py"])
+def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(name: str, tmp_path: Path) -> None:
+    """Or what its constants come from. As by an upgrade; not because a file was written again as it was."""
     package = tmp_path / "mien"
     shutil.copytree(Path(mien.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-    called = package / "tracking" / "realtime" / "pose_geometry.py"
+    called = package / name
     assert _known(**environment) == ["False", "True"]
     called.write_text(called.read_text(encoding="utf-8"), encoding="utf-8")
     assert _known(**environment) == ["True", "True"]
