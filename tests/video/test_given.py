@@ -173,3 +173,45 @@ def test_a_camera_is_read_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None
     assert frames[0].time == 0 < frames[1].time < frames[2].time
     for index, frame in enumerate(frames):
         np.testing.assert_array_equal(frame.pixels, gradient(index))
+
+
+def test_images_of_a_camera_that_change_their_size_are_scaled_to_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As those of a program: what was learned would end with an error."""
+    device = Device([gradient(0), gradient(1, width=128, height=96), gradient(2)])
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    with pytest.warns(MienWarning) as warned:
+        frames = list(open_video(0))
+    assert "camera 0: frame 1 has 128x96 pixels and the first 64x48" in str(warned[0].message)
+    assert [frame.pixels.shape for frame in frames] == [gradient(0).shape] * 3
+    assert device.released
+
+
+@pytest.mark.parametrize("last", [None, np.zeros((0, 0, 3), np.uint8), cv2.error("the driver failed")])
+def test_a_camera_that_fails_gives_no_more_images(last: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some drivers say that they have an image which is none, or raise, when their camera is unplugged."""
+    device = Device([gradient(0)])
+    image = device.images[0]
+    read = iter([(True, image), last if isinstance(last, Exception) else (True, last)])
+
+    def answer() -> tuple[bool, Any]:
+        answered = next(read)
+        if isinstance(answered, Exception):
+            raise answered
+        return answered
+
+    monkeypatch.setattr(device, "read", answer)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    video = open_video(0)
+    with pytest.warns(MienWarning, match="^camera 0 gives no more images"):
+        assert len(list(video)) == 1
+    assert video.stopped is not None
+    assert device.released
+
+
+def test_images_of_a_camera_that_are_not_of_8_bits_are_not_misread(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = Device([])
+    monkeypatch.setattr(device, "read", lambda: (True, np.full((48, 64, 3), 4000, np.uint16)))
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: device)
+    with pytest.raises(MienError, match="uint16"):
+        next(iter(open_video(0)))
+    assert device.released

@@ -9,9 +9,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mien.errors import require, warn
 from mien.frame import Frame
@@ -54,19 +56,33 @@ class CameraDevice:
             device = cv2.VideoCapture(self.number)
         try:
             require(device.isOpened(), missing)
-            first = now = 0.0
-            for index in itertools.count():
-                success, image = device.read()
-                if not success:
-                    require(index > 0, f"camera {self.number} gives no image; check that no other program uses it")
-                    self.stopped = f"camera {self.number} gives no more images after {now - first:.2f} s"
-                    warn(f"{self.stopped}, which ends the track; check its cable, and that no other program uses it")
-                    return
-                now = perf_counter()
-                first = first if index else now
-                yield Frame(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), index, now - first)
+            yield from same_size(self._frames_of(device), self.name)
         finally:
             device.release()
+
+    def _frames_of(self, device: cv2.VideoCapture) -> Iterator[Frame]:
+        """The frames of a device that is open, in the sizes that it gives them."""
+        first = now = 0.0
+        for index in itertools.count():
+            image = _next_image(device)
+            if image is None:
+                require(index > 0, f"camera {self.number} gives no image; check that no other program uses it")
+                self.stopped = f"camera {self.number} gives no more images after {now - first:.2f} s"
+                warn(f"{self.stopped}, which ends the track; check its cable, and that no other program uses it")
+                return
+            now = perf_counter()
+            first = first if index else now
+            yield Frame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), index, now - first)
+
+
+def _next_image(device: cv2.VideoCapture) -> NDArray[Any] | None:
+    """The next image of a device; None if it gives none, or an empty one, or its driver fails, as some do when their
+    camera is unplugged."""
+    try:
+        success, image = device.read()
+    except cv2.error:
+        return None
+    return image if success and image is not None and image.size else None
 
 
 @dataclass(frozen=True)
