@@ -50,6 +50,7 @@ def test_pixels_that_are_no_rgb_or_grey_of_8_bits_are_refused(pixels: Any, told:
     with pytest.raises(MienError, match=r"in RGB, as cv2.*or \(height, width\) of uint8 of a grey") as raised:
         Frame(pixels)
     assert told in str(raised.value)
+    assert ("the upper 8 of 12 bits are (image >> 4)" in str(raised.value)) is ("uint16" in told)
 
 
 PART = slice(5, 30), slice(7, 40)

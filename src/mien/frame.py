@@ -236,6 +236,8 @@ def upper_field(pixels: Pixels) -> Pixels:
 def _check(pixels: object) -> None:
     """Reject anything but 8-bit RGB and grey: 16-bit values, or floats between 0 and 1, would be misread."""
     given = f"an array {pixels.shape} of {pixels.dtype}" if isinstance(pixels, np.ndarray) else str(type(pixels))
+    deep = isinstance(pixels, np.ndarray) and pixels.dtype == np.uint16
+    upper = "; the upper 8 of 12 bits are (image >> 4).astype(np.uint8), those of 16 (image >> 8)" if deep else ""
     require(
         isinstance(pixels, np.ndarray)
         and pixels.dtype == np.uint8
@@ -243,7 +245,7 @@ def _check(pixels: object) -> None:
         and pixels.size > 0,
         f"the pixels of a frame are {given}; give an array (height, width, 3) of uint8 in RGB, "
         "as cv2.cvtColor(image, cv2.COLOR_BGR2RGB) makes from an image read with OpenCV, or (height, width) of uint8 "
-        "of a grey image",
+        f"of a grey image{upper}",
     )
 
 
