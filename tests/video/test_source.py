@@ -22,6 +22,17 @@ def test_what_is_neither_file_nor_folder_is_refused(video: Path, tmp_path: Path)
     assert len(list(open_video(tmp_path / "link.mp4"))) == 10
 
 
+def test_a_camera_that_is_named_by_its_device_is_given_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also by a link to it, which stays where numbers change."""
+    link = "/dev/v4l/by-id/usb-camera-index0"
+    monkeypatch.setattr(os.path, "realpath", lambda path: "/dev/video7" if str(path) == link else str(path))
+    for name in ("/dev/video7", link):
+        with pytest.raises(MienError, match=rf"^{name} is a camera, which has a number; give 7$"):
+            open_video(name)
+    with pytest.raises(MienError, match="no such file"):
+        open_video("/dev/video7.mp4")
+
+
 def test_missing_file_and_empty_folder(tmp_path: Path) -> None:
     with pytest.raises(MienError, match=r"none.mp4: no such file"):
         open_video(tmp_path / "none.mp4")

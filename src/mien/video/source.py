@@ -5,6 +5,8 @@ A new kind of source gets a file of its own beside this one, and a line in `open
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterable, Iterator
 from numbers import Integral, Real
 from pathlib import Path
@@ -12,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mien.errors import require
+from mien.errors import MienError, require
 from mien.frame import Frame
 from mien.video.file import open_file
 from mien.video.folder import ImageFolder, open_folder
@@ -94,6 +96,9 @@ def _opened(source: Source, fps: float | None) -> Video:
     require(
         "://" not in str(source), f"{source} is not a file; read the stream yourself and pass frames to mien.stream"
     )
+    device = re.fullmatch(r"/dev/video(\d+)", os.path.realpath(path)) if path.is_relative_to("/dev") else None
+    if device is not None:
+        raise MienError(f"{path} is a camera, which has a number; give {device[1]}")
     require(path.exists(), f"{path}: no such file; check the name")
     require(
         path.is_dir() or path.is_file(),
