@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import re
+import threading
 from collections import Counter
+from collections.abc import Iterator
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 from typer.main import get_command
 
 import mien
+from mien.arrays import Pixels
 from mien.cli import app
 from mien.config import PaperSettings, RealtimeSettings
 from mien.geometry.rotation import FACING, matrix_from_euler
+from mien.tracking.state import Closing
+from videos import Device, gradient
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -156,6 +163,54 @@ def test_the_live_example_tells_of_each_face_that_is_not_lost(
     exec(live, {})
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith("0.12 s: yaw 20 degrees, 550 mm away, 90% sure, {'upper_lip_raiser': ")
+
+
+def test_the_example_that_runs_for_hours_goes_on_after_its_camera_has_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A camera that fails twice, after three images each time; then the program is told to end."""
+    recipe = (DOCS / "usage.md").read_text(encoding="utf-8").split("### A program that runs for hours")[1]
+    (program,) = re.findall(r"^```python\n(.*?)^```", recipe.split("## Recipes")[0], re.DOTALL | re.MULTILINE)
+    there: dict[str, Any] = {}
+    opened: list[Device] = []
+    threads = set[threading.Thread]()
+
+    class Failing(Device):
+        def __init__(self, address: str) -> None:
+            super().__init__([gradient(index) for index in range(3)])
+            threads.add(threading.current_thread())
+            if len(opened) == 2:
+                there["newest"].put(None)
+                raise SystemExit  # which ends the thread
+            opened.append(self)
+
+        def read(self) -> tuple[bool, Pixels | None]:
+            while not there["newest"].empty():  # else it would show more than the program takes
+                pass
+            return super().read()
+
+    seen = mien.Estimate(4, 0.2, mien.Status.TRACKED, FACING, np.zeros(3), confidence=0.9, closing=Closing(0.1, 0.2))
+
+    def stream(frames: Iterator[mien.Frame], anew_after: float) -> Iterator[tuple[mien.Frame, mien.Estimate]]:
+        for frame in frames:
+            yield frame, seen if frame.index == 4 else mien.Estimate.lost(frame, "no face was seen yet")
+
+    monkeypatch.setattr("mien.live.stream", stream)
+    monkeypatch.setattr(cv2, "VideoCapture", Failing)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    monkeypatch.setattr(threading, "excepthook", threading.__excepthook__)  # pytest's own would warn of that end
+    monkeypatch.chdir(tmp_path)
+    exec(program, there)
+    for thread in threads:
+        thread.join()
+    rows = [json.loads(line) for line in (tmp_path / "estimates.jsonl").read_text().splitlines()]
+    assert [row["frame"] for row in rows] == list(range(6))
+    assert [device.released for device in opened] == [True, True]
+    assert rows[0]["reason"] == "no face was seen yet"
+    assert rows[4] == {
+        "frame": 4, "time": 0.2, "status": "tracked", "reason": "", "confidence": 0.9, "angles_deg": [0.0, 0.0, 0.0],
+        "eyes_closed": 0.1,
+    }  # fmt: skip
 
 
 def _text(page: Path) -> str:
