@@ -2,9 +2,10 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/expressions.py PATH`, with PATH a folder of videos. MediaPipe's points of every
 frame, with their depths, are laid over those of the first by the points that no expression moves; the gap of the lips,
-the width of the mouth, how low its corners hang below the upper lip, and how high brows stand above the eyes are
-distances there, over that of the eyes' outer corners. Prints, as Markdown, the correlation of each with its unit, the
-standard deviation of the distance, in per cent, and the mean over the recordings, weighed by that.
+the width of the mouth, how low its corners hang below the upper lip, how near that is to the nose, and how high brows
+stand above the eyes are distances there, over that of the eyes' outer corners. Prints, as Markdown, the correlation of
+each with its unit, the standard deviation of the distance, in per cent, and the mean over the recordings, weighed by
+that.
 """
 
 from __future__ import annotations
@@ -25,7 +26,14 @@ from mien.geometry.rotation import similarity
 STILL = [1, 4, 5, 6, 8, 9, 10, 33, 54, 93, 103, 127, 133, 151, 168, 195, 197, 234, 263, 284, 323, 332, 356, 362, 454]
 """Points of nose, forehead, temples, and the corners of the eyes."""
 EYES = [33, 133, 362, 263]
-UNITS = ("jaw_drop", "lip_stretcher", "lip_corner_depressor", "brow_lowerer", "outer_brow_raiser")
+UNITS = (
+    "jaw_drop",
+    "lip_stretcher",
+    "lip_corner_depressor",
+    "upper_lip_raiser",
+    "brow_lowerer",
+    "outer_brow_raiser",
+)
 
 
 def laid_over(points: Array, first: Array) -> Array:
@@ -35,20 +43,21 @@ def laid_over(points: Array, first: Array) -> Array:
 
 
 def distances(points: Array) -> Array:
-    """(5,) what the units move, signed as they are; points (468, 3) with y down."""
+    """(6,) what the units move, signed as they are; points (468, 3) with y down."""
     down = points[:, 1]
     eyes = down[EYES].mean()
     return np.array([
         np.linalg.norm(points[13] - points[14]),
         np.linalg.norm(points[61] - points[291]),
         down[[61, 291]].mean() - down[0],
+        down[2] - down[0],
         down[[55, 285]].mean() - eyes,
         eyes - down[[63, 70, 293, 300]].mean(),
     ])  # fmt: skip
 
 
 def distances_of_frames(path: Path, seconds: float) -> dict[int, Array]:
-    """By frame in which there is a face: the distances (5,)."""
+    """By frame in which there is a face: the distances (6,)."""
     meshes = {
         k: np.column_stack([face.points[:468], face.depths[:468]])
         for k, face in seen_by_mediapipe(path, seconds)
@@ -62,7 +71,7 @@ def distances_of_frames(path: Path, seconds: float) -> dict[int, Array]:
 
 
 def compared(path: Path, seconds: float) -> tuple[Array, Array]:
-    """Of each unit: the correlation (5,) with its distance, and the standard deviation (5,) of that."""
+    """Of each unit: the correlation (6,) with its distance, and the standard deviation (6,) of that."""
     seen = distances_of_frames(path, seconds)
     table = mien.track(path, at_once=True, end=seconds).to_pandas().set_index("frame")
     both = [k for k in seen if k in table.index and table.success[k]]

@@ -9,32 +9,44 @@ import pytest
 
 from mien.arrays import Array
 from mien.frame import Frame
+from mien.geometry.rotation import matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.mouth import _JAWS as JAWS
+from mien.tracking.realtime.skin import UPPER_LIP
 from small_motion import begun, face
 
-OPENED = 0.5
-DARK = 40
+OPENED, RAISED = 0.5, 0.8
+DARK, TEETH = 40, 230
+
+
+def _sequence(unit: int, amount: float) -> SyntheticSequence:
+    """A mouth that is moved from one frame to the next, and stays so."""
+    animation = np.zeros((4, 6))
+    animation[1:, unit] = amount
+    return make_sequence(face(), moved(face(), np.zeros((4, 3)), np.zeros((4, 3)), animation))
 
 
 @cache
 def opening() -> SyntheticSequence:
-    """A mouth that is opened from one frame to the next, and stays so."""
-    animation = np.zeros((4, 6))
-    animation[1:, JAW_DROP] = OPENED
-    return make_sequence(face(), moved(face(), np.zeros((4, 3)), np.zeros((4, 3)), animation))
+    return _sequence(JAW_DROP, OPENED)
 
 
-def _with_dark_mouth(frame: Frame, landmarks: Array) -> Frame:
-    """The frame with something between the lips, and on them, that the first one did not show."""
+@cache
+def raising() -> SyntheticSequence:
+    return _sequence(UPPER_LIP.unit, RAISED)
+
+
+def _with_mouth(frame: Frame, landmarks: Array, grey: int, below: int) -> Frame:
+    """The frame with something between the lips, and on them, that the first one did not show, from some pixels below
+    the upper one's border on."""
     corners = [name for name in LANDMARK_NAMES if "mouth_corner" in name]
     left, right = sorted(int(landmarks[LANDMARK_NAMES.index(name), 0]) for name in corners)
     top, bottom = (int(landmarks[LANDMARK_NAMES.index(f"{lip}_lip_outer"), 1]) for lip in ("upper", "lower"))
     pixels = frame.pixels.copy()
-    pixels[top + 2 : bottom + 1, left:right] = DARK
+    pixels[top + below : bottom + 1, left:right] = grey
     return Frame(pixels, frame.index, frame.time)
 
 
@@ -57,7 +69,7 @@ def test_the_chin_shows_how_far_the_jaw_has_dropped(frame: int, least: float, mo
 def test_lips_that_look_strange_do_not_hide_an_open_mouth() -> None:
     tracker, sequence = begun(opening().frames[0]), opening()
     for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
-        tracker.track(_with_dark_mouth(frame, landmarks))
+        tracker.track(_with_mouth(frame, landmarks, DARK, 2))
         assert tracker.pose.animation[JAW_DROP] - tracker.first_animation[JAW_DROP] == pytest.approx(OPENED, abs=0.2)
 
 
@@ -67,3 +79,34 @@ def test_the_chin_shows_that_a_mouth_has_opened_until_it_closes() -> None:
     for frame, is_open in ((0, False), (1, True), (2, True), (0, False)):
         tracker.track(opening().frames[frame])
         assert tracker.mouth.is_open == is_open
+
+
+def test_teeth_do_not_hide_a_raised_upper_lip() -> None:
+    tracker, sequence = begun(raising().frames[0]), raising()
+    for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
+        tracker.track(_with_mouth(frame, landmarks, TEETH, 4))
+    raised = tracker.pose.animation[UPPER_LIP.unit] - tracker.first_animation[UPPER_LIP.unit]
+    assert raised == pytest.approx(RAISED, abs=0.2)
+
+
+def test_the_further_a_head_turns_the_less_the_skin_says_of_the_upper_lip() -> None:
+    tracker, frame = begun(raising().frames[0]), raising().frames[1]
+    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    entry, ahead = 6 + UPPER_LIP.unit, tracker.prior.seen_from
+    added = []
+    for degrees in (0, 3, 30):
+        tracker.prior.seen_from = matrix_from_euler(np.radians([0, degrees, 0])) @ ahead
+        found = tracker.mouth.with_upper_lip(view, predicted)
+        added.append(found.information[entry, entry] - predicted.information[entry, entry])
+        assert found.pose.animation[UPPER_LIP.unit] > tracker.pose.animation[UPPER_LIP.unit]
+    assert added[0] == pytest.approx(2 * added[1], rel=0.01)
+    assert added[2] < added[0] / 50
+
+
+def test_skin_that_is_hidden_says_nothing_of_the_upper_lip() -> None:
+    tracker, pixels = begun(raising().frames[0]), raising().frames[1].pixels.copy()
+    pixels[:] = np.random.default_rng(0).integers(0, 256, pixels.shape)
+    view = tracker.solver.view(tracker.face.fine, Frame(pixels, 1, 0.04), tracker.pose)
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    assert tracker.mouth.with_upper_lip(view, predicted) is predicted

@@ -26,7 +26,6 @@ from mien.appearance import crop, descriptors, face_camera, rendering, surface
 from mien.compiled import is_cached
 from mien.tracking.realtime import (
     adaptation,
-    chin,
     covers,
     definite,
     eyes,
@@ -41,6 +40,7 @@ from mien.tracking.realtime import (
     pose_geometry,
     prior,
     shape,
+    skin,
     solution,
     uncertainty,
 )
@@ -64,6 +64,7 @@ def _single(dimensions: int) -> NDArray[Any]:
 _POSE = _array(2), _array(1), _array(1)
 _PERSON = _array(2), _array(3)
 _VIEW = _array(2), _array(2)
+_SKIN = _array(2), _array(1), 0, 0, 0.0
 _PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
 _APPEARANCE = AppearanceArrays(
     coefficients=_single(3), offset=_single(2), U=_single(3), gain=_single(2), learned=1, inverse_floor=_single(1),
@@ -121,8 +122,8 @@ _KERNELS: tuple[Kernel, ...] = (
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
-    (chin._look, (_single(2), _PERSON, _array(2), _POSE, 0.0, _VIEW, _single(1))),
-    (chin._likeness, (_single(2), _PERSON, _array(2), _POSE, _array(1), _VIEW, _single(1))),
+    (skin._look, (_single(2), _PERSON, _SKIN, _POSE, 0.0, _VIEW, _single(1))),
+    (skin._likeness, (_single(2), _PERSON, _SKIN, _POSE, _array(1), _VIEW, _single(1))),
     (motion.center, (_single(1),)),
     (motion.extract_patches, (_single(2), _PERSON, _array(3), _POSE, _VIEW)),
     (crop._resample, (_array(2, np.uint8), _array(2), (0, 0), 1, _single(2))),

@@ -28,8 +28,8 @@ from mien.geometry.rotation import FACING
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import kernels, pose_geometry
-from mien.tracking.realtime.chin import CARRIER, OFFSETS
 from mien.tracking.realtime.level import Level, Noise
+from mien.tracking.realtime.skin import CHIN, UPPER_LIP
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
@@ -59,13 +59,14 @@ _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("rig
 @dataclass(frozen=True)
 class LearnedFace:
     """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
-    relative to it, in head axes; likewise the skin of the chin (k, 3), relative to `chin.CARRIER`; the coarse and
-    the fine level."""
+    relative to it, in head axes; likewise the skin of the chin (k, 3) and above the upper lip (l, 3), relative to the
+    carriers of these regions; the coarse and the fine level."""
 
     neutral: Array
     normals: Array
     patches: Array
     chin: Array
+    upper_lip: Array
     coarse: Level
     fine: Level
 
@@ -87,8 +88,10 @@ def learn_face(
     fine = _learn_level(posed, settings.descriptor, settings.views.per_angle, settings)
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = _around_each(points, _patches(len(points), settings.motion), surface, fit, camera)
-    chin = _around_each(points[[CARRIER]], OFFSETS, surface, fit, camera)[0]
-    return LearnedFace(neutral, normals, patches, chin, coarse, fine)
+    chin, upper_lip = (
+        _around_each(points[[region.carrier]], region.offsets, surface, fit, camera)[0] for region in (CHIN, UPPER_LIP)
+    )
+    return LearnedFace(neutral, normals, patches, chin, upper_lip, coarse, fine)
 
 
 @dataclass(frozen=True)

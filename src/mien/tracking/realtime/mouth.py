@@ -10,14 +10,17 @@ from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
 from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
-from mien.tracking.realtime.chin import Chin
+from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.prior import StatePrior
+from mien.tracking.realtime.skin import UPPER_LIP, Skin
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
 _JAWS = np.linspace(-0.3, 1.5, 13)
 """Values of jaw_drop at which the chin is looked for."""
+_LIPS = np.linspace(-1.5, 1.5, 21)
+"""Values of upper_lip_raiser, from that at rest, at which the skin above the upper lip is looked for."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
 _OPEN = 0.25
@@ -27,14 +30,42 @@ _OTHER_JAW = 0.175
 
 
 class MouthSearch:
-    """Starts the solver again from other mouths where the one that it found does not fit. strange_frames: for how many
-    frames a moved mouth has not; is_open: whether the chin has shown that the mouth opened, and it has not closed."""
+    """Looks for the lips by the skin beside them, and starts the solver again from other mouths where the one that it
+    found does not fit. strange_frames: for how many frames a moved mouth has not; is_open: whether the chin has shown
+    that the mouth opened, and it has not closed."""
 
     def __init__(
-        self, person: Person, solver: PoseSolver, prior: StatePrior, chin: Chin, settings: MouthSettings
+        self,
+        person: Person,
+        solver: PoseSolver,
+        prior: StatePrior,
+        chin: Skin,
+        upper_lip: Skin,
+        settings: MouthSettings,
     ) -> None:
-        self.person, self.solver, self.prior, self.chin, self.settings = person, solver, prior, chin, settings
+        self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
+        self.chin, self.upper_lip = chin, upper_lip
         self.strange_frames, self.is_open = 0, False
+
+    def with_upper_lip(self, view: View, predicted: Prediction) -> Prediction:
+        """A prediction, and where the skin above the upper lip is seen. Lips that bare the teeth look strange wherever
+        they are, and what was measured of their motion is drawn back to rest. How certain the place is follows from how
+        sharply the likeness falls beside it; the further a head turns, the more the skin looks otherwise by that."""
+        s, unit = self.settings, UPPER_LIP.unit
+        values = float(self.prior.rest[unit]) + _LIPS
+        pose = predicted.pose
+        likeness = self.upper_lip.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, values)
+        k = int(np.argmax(likeness))
+        if likeness[k] < s.skin_least or k in (0, len(values) - 1):
+            return predicted
+        before, most, behind = likeness[k - 1 : k + 2].tolist()
+        step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
+        seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
+        certain = s.skin_energy * bend / step**2 / (1 + self.prior.turned(pose, s.lip_turn_deg))
+        information, gradient = predicted.information.copy(), np.zeros(12)
+        information[6 + unit, 6 + unit] += certain
+        gradient[6 + unit] = certain * (seen - float(pose.animation[unit]))
+        return replace(predicted, pose=pose.moved(solve_definite(information, gradient)), information=information)
 
     def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
@@ -50,15 +81,15 @@ class MouthSearch:
         self.is_open |= elsewhere[most] > s.chin_seen and float(_JAWS[most]) >= open_from
         if fits:
             return best
-        lowest = best.energy - s.chin_energy * seen
-        starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.chin_least else _JAW_STARTS
+        lowest = best.energy - s.skin_energy * seen
+        starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.skin_least else _JAW_STARTS
         for jaw in starts:
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
                 animation = best.pose.animation.copy()
                 animation[JAW_DROP] = jaw
                 candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
                 (seen,) = self._chin(view, candidate.pose)
-                energy = candidate.energy - s.chin_energy * seen
+                energy = candidate.energy - s.skin_energy * seen
                 if energy < lowest:
                     best, lowest = candidate, energy
         return best
@@ -68,7 +99,7 @@ class MouthSearch:
         correlations, and at least the one below which it is hidden or changed."""
         jaws = np.append(pose.animation[JAW_DROP], jaws)
         likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, jaws)
-        return [max(value, self.settings.chin_least) for value in likeness.tolist()]
+        return [max(value, self.settings.skin_least) for value in likeness.tolist()]
 
     def relaxed(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and

@@ -50,12 +50,16 @@ class StatePrior:
     def _rest_information(self, predicted: Prediction) -> Array:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""
         s = self.settings
-        squared_sine = max(1 - float(predicted.pose.seen_from @ self.seen_from) ** 2, 0.0)
-        turned = squared_sine / math.sin(math.radians(s.rest.turn_deg)) ** 2
+        factor = 1 + self.turned(predicted.pose, s.rest.turn_deg)
         information: Array = student_information(
-            self.rest_information, self.firmness, predicted.last.animation - self.rest, s.rest.within, 1 + turned
+            self.rest_information, self.firmness, predicted.last.animation - self.rest, s.rest.within, factor
         )
         return information
+
+    def turned(self, pose: Pose, degrees: float) -> float:
+        """How far a pose has turned from the first frame: the squared sine of that, over the one of some degrees."""
+        squared_sine = max(1 - float(pose.seen_from @ self.seen_from) ** 2, 0.0)
+        return squared_sine / math.sin(math.radians(degrees)) ** 2
 
 
 @kernel()

@@ -26,7 +26,6 @@ from mien.threads import one_blas_thread
 from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
-from mien.tracking.realtime.chin import Chin
 from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.first_run import BackgroundCompilation, load_cached
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
@@ -35,6 +34,7 @@ from mien.tracking.realtime.mouth import MouthSearch
 from mien.tracking.realtime.person import TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
+from mien.tracking.realtime.skin import CHIN, UPPER_LIP, Skin
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
@@ -136,8 +136,9 @@ class RealtimeTracker:
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
-        chin = Chin(self.face.chin, view.image, self.person.arrays, self.pose.arrays, view.geometry)
-        self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, self.settings.mouth)
+        crop = view.image, self.person.arrays, self.pose.arrays, view.geometry
+        chin, upper_lip = Skin(CHIN, self.face.chin, *crop), Skin(UPPER_LIP, self.face.upper_lip, *crop)
+        self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, upper_lip, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing = self.person.closing(solution)
         if self.closing is None:
@@ -305,13 +306,14 @@ class RealtimeTracker:
         return replace(found, pose=found.pose.moved(-back))
 
     def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
-        """The prediction corrected by the motion of the pixels since the last frame."""
+        """The prediction corrected by the motion of the pixels since the last frame, and by where the skin above the
+        upper lip is."""
         prior = self.prior.arrays(predicted)
         moved, measured = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*moved)
         step = self.pose.step_to(pose)
         information = self.motion.information_of(measured, prior.information, self.step_covariance, step)
-        return Prediction(pose, information, self.pose)
+        return self.mouth.with_upper_lip(view, Prediction(pose, information, self.pose))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Store what the next frame is compared with: the patches and the surroundings. Returns the correlations of the
