@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         cv2.imwrite(str(tmp_path / f"{index:03}.png"), np.full((240, 320, 3), 128, np.uint8))
     monkeypatch.setattr(live, "create_tracker", lambda name: Told())
     known = face().landmarks
-    monkeypatch.setattr(detector, "detect_once", lambda frame, at: [known] * (frame.index >= SEEN.start))
+    monkeypatch.setattr(detector, "detect_once", lambda frame, at, distant: [known] * (frame.index >= SEEN.start))
     monkeypatch.setattr(detector, "detect", lambda frame, at: [known])
     return tmp_path
 
@@ -190,7 +190,7 @@ def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: p
     monkeypatch.setattr(search, "turn_of", lambda *args: 90.0)
     monkeypatch.setattr(search, "_PATIENCE", 0.11)
     known = face().landmarks
-    look = lambda frame, at: [replace(known, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
+    look = lambda frame, at, distant: [replace(known, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
     monkeypatch.setattr(detector, "detect_once", look)
     sure = {*range(6, 15), *range(18, 24)}
     monkeypatch.setattr(
@@ -231,11 +231,13 @@ def test_the_face_at_a_point_is_learned(folder: Path, monkeypatch: pytest.Monkey
     """Also anew, after it was lost."""
     asked: list[Point | None] = []
 
-    def detect(frame: Frame, at: Point | None) -> list[Landmarks]:
-        asked.append(at)
+    def detect(frame: Frame, at: Point | None, distant: bool) -> list[Landmarks]:
+        if frame.index >= SEEN.start:  # before, turned frames are searched, too, in which the point is elsewhere
+            asked.append(at)
         return [face().landmarks] * (frame.index >= SEEN.start)
 
     monkeypatch.setattr(detector, "detect_once", detect)
+    monkeypatch.setattr(detector, "refine", lambda frame, seen: seen)
     learned = [
         e.index for _, e in mien.stream(folder, face=(200, 100), anew_after=0.18) if e.status is Status.INITIALIZED
     ]
@@ -267,7 +269,7 @@ def test_a_face_that_enters_from_the_border_is_waited_for(folder: Path, monkeypa
     """Half of it is detected beyond the border: nothing could be learned there."""
     known = face().landmarks
     half = replace(known, points=known.points - [known.points[:, 0].mean(), 0])
-    seen = lambda frame, at: [half if frame.index < SEEN.start + 2 else known]  # noqa: E731
+    seen = lambda frame, at, distant: [half if frame.index < SEEN.start + 2 else known]  # noqa: E731
     monkeypatch.setattr(detector, "detect_once", seen)
     statuses = [estimate.status for _, estimate in mien.stream(folder)]
     assert statuses[: SEEN.start + 2] == [Status.LOST] * (SEEN.start + 2)

@@ -96,7 +96,7 @@ def _stream(
                     estimate = checked(estimate, learned, frame)
                     tracker, first, seen = learned, None, frame.time
                     warn_of_first_frame(estimate, face_seen, footage.video, tracker)
-            patience = Patience(patience.camera, face)
+            patience = patience.anew()
         else:
             estimate = tracked(tracker, frame) if tracker else before_start(frame, patience)
         doubtful = estimate.confidence <= _DOUBTFUL

@@ -17,16 +17,18 @@ from mien.errors import MienError, MienWarning, require
 from mien.frame import Frame
 from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import FACING, angle_between, matrix_from_euler
-from mien.initialization.fit import FirstFrame, fit_first_frame
+from mien.initialization import detector as mien_detector
+from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks, Point, place_of, rows_by_name, rows_of_scheme
+from mien.initialization.upright import Upright
 from mien.start import search
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
 from mien.tracking.state import Status
 from mien.video import open_video
-from small_motion import face
+from small_motion import face, small_motion
 from videos import write_video
 
 PANS_DEG = np.concatenate([np.linspace(34, 0, 16), np.linspace(0, -15, 8)])
@@ -68,7 +70,8 @@ def _detect_in(sequence: SyntheticSequence, hidden: set[int], monkeypatch: pytes
     monkeypatch.setattr("mien.initialization.detector.follow", follow)
     monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [seen(frame)])
     monkeypatch.setattr(
-        "mien.initialization.detector.detect_once", lambda frame, at: [] if frame.index in hidden else [seen(frame)]
+        "mien.initialization.detector.detect_once",
+        lambda frame, at, distant: [] if frame.index in hidden else [seen(frame)],
     )
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr(search, "DETECTION_INTERVAL", 0.2)
@@ -265,7 +268,7 @@ def test_a_camera_waits_a_while_for_open_eyes(
     """As there is no going back to a frame before a blink, from which eyes could be learned."""
     shut = range(11, 15)
 
-    def detect_once(frame: Frame, at: Point | None) -> list[Landmarks]:
+    def detect_once(frame: Frame, at: Point | None, distant: bool) -> list[Landmarks]:
         look = _true_look(turning, frame.index)
         if frame.index not in shut:
             return [look]
@@ -278,6 +281,71 @@ def test_a_camera_waits_a_while_for_open_eyes(
     monkeypatch.setattr(search, "_PATIENCE", patience_s)
     patience = search.Patience(face().camera)
     assert next(frame.index for frame in turning.frames if patience(frame)) == index
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_camera_that_hangs_turned_finds_a_face_as_soon_as_an_upright_one(
+    quarters: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the networks: upside down they see an upright face, with the mouth taken for the eyes."""
+    monkeypatch.setattr(search, "_PATIENCE", 60.0)
+    upright = small_motion().frames[0]
+    (known,) = mien_detector.detect(upright)
+    turned = Frame(np.ascontiguousarray(np.rot90(upright.pixels, -quarters)))
+    patience = search.Patience(Camera.centred(face().camera.focal_px, turned.width, turned.height))
+    found = next(faces for k in range(4) if (faces := patience(Frame(turned.pixels, k, k / FPS))) or k == 3)
+    assert len(found) == 1
+    assert found[0].frame_index <= 1
+    np.testing.assert_allclose(found[0].points, Upright(turned, quarters).points_seen(known.points), atol=0.5)
+    assert patience.first_detection is not None
+    fit = patience.first_detection[1]
+    assert turned_deg(fit.R, fit.t) < 10
+    (again,) = patience.anew()(Frame(turned.pixels, 9, 9 / FPS))  # the next face, in the first frame that shows it
+    np.testing.assert_allclose(again.points, found[0].points)
+
+
+def test_only_where_no_upright_face_is_seen_frames_are_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By every quarter turn, one in each frame, at the point that is asked for; and both are searched for distant faces
+    in turn, as that takes long."""
+    asked: list[tuple[int, Point | None, bool]] = []
+    upright = np.zeros((240, 320, 3), np.uint8)
+    upright[0, 0] = 255
+    known = face().landmarks
+
+    def detect_once(frame: Frame, at: Point | None, distant: bool) -> list[Landmarks]:
+        turns = [np.rot90(upright, k).tolist() for k in range(4)].index(frame.pixels.tolist())
+        asked.append((turns, at, distant))
+        return [known] * (frame.index >= 12)
+
+    monkeypatch.setattr("mien.initialization.detector.detect_once", detect_once)
+    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
+    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [known])
+    patience = search.Patience(face().camera, (200.0, 100.0))
+    found = [bool(patience(Frame(upright, k, k / FPS))) for k in range(14)]
+    assert found == [False] * 12 + [True] * 2
+    assert [turns for turns, _, _ in asked] == [0, 2, 0, 1, 0, 3] * 4 + [0, 0]
+    places = {0: (200.0, 100.0), 1: (100.0, 119.0), 2: (119.0, 139.0), 3: (139.0, 200.0)}
+    assert {turns: at for turns, at, _ in asked} == places
+    assert {turns for turns, _, distant in asked if distant} == {0, 1, 2, 3}
+    assert all(one[2] is not other[2] for one, other in zip(asked[:24:2], asked[1:24:2], strict=True))
+
+
+@pytest.mark.parametrize(("disagreement", "begins"), [(0.003, True), (0.02, False)])
+def test_what_turned_copies_do_not_agree_on_is_no_face(
+    disagreement: float, begins: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As an upright one that is turned upside down."""
+    known = replace(face().landmarks, disagreement=disagreement)
+
+    def detect_once(frame: Frame, at: Point | None, distant: bool) -> list[Landmarks]:
+        return [known] * (frame.pixels.shape[:2] == (320, 240))
+
+    monkeypatch.setattr("mien.initialization.detector.detect_once", detect_once)
+    monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
+    monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [known])
+    patience = search.Patience(face().camera)
+    found = [bool(patience(Frame(np.zeros((240, 320, 3), np.uint8), k, k / FPS))) for k in range(6)]
+    assert any(found) is begins
 
 
 def test_frames_that_end_before_the_face_looks_into_the_camera(detector: set[int], turning: SyntheticSequence) -> None:

@@ -26,6 +26,7 @@ from mien.geometry.rotation import exp
 from mien.initialization.detector import detect_once
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import place_of
+from mien.initialization.upright import Upright, quarters_of
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Pose, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
@@ -180,13 +181,10 @@ def find_by_detector(
     """Poses R, t of the faces that the detector finds, the largest first. roll: about that of the face, radians, as the
     detector takes a face upside down for an upright one; distant: whether to look for faces that are small in the image
     where there is no other."""
-    quarters = round(roll / (0.5 * math.pi)) % 4
-    upright = Frame(np.ascontiguousarray(np.rot90(frame.pixels, quarters)), frame.index, frame.time)
-    turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), quarters)
-    centre, of_upright = (0.5 * (np.array([f.width, f.height]) - 1) for f in (frame, upright))
-    for face in detect_once(upright, distant=distant)[:_MOST_FACES]:
+    view = Upright(frame, quarters_of(roll))
+    for face in detect_once(view.frame, distant=distant)[:_MOST_FACES]:
         vertices, points, _ = face.correspondences()
-        points = (points - of_upright) @ turn.T + centre
+        points = view.points_seen(points)
         placed = _pnp(fit.vertices()[vertices], points, camera, _TOLERANCE * place_of(points)[1])
         if placed is not None:
             yield placed.R, placed.t
