@@ -216,14 +216,20 @@ class MouthSettings(Settings):
     skin_energy: float = Field(
         50.0, ge=0, description="energy that skin beside a lip exactly as in the first frame is worth"
     )
-    skin_least: float = Field(
-        0.2, ge=-1, le=1, description="correlation of that skin with the first frame below which it says nothing"
+    lip_least: float = Field(
+        0.5,
+        ge=-1,
+        le=1,
+        description="correlation of the skin above the upper lip with the first frame below which it says nothing",
     )
     lip_turn_deg: float = Field(
         3.0, gt=0, description="rotation of the head at which what the skin says of the upper lip counts for half"
     )
     chin_seen: float = Field(
         0.8, ge=-1, le=1, description="correlation of the chin with the first frame above which it is certainly seen"
+    )
+    chin_least: float = Field(
+        0.2, ge=-1, le=1, description="correlation of the chin with the first frame below which it says nothing"
     )
     distance: float = Field(1.0, gt=0, description="relative distance of the mouth above which it is tried at rest")
     share: float = Field(

@@ -56,7 +56,7 @@ class MouthSearch:
         pose = predicted.pose
         likeness = self.upper_lip.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, values)
         k = int(np.argmax(likeness))
-        if likeness[k] < s.skin_least or k in (0, len(values) - 1):
+        if likeness[k] < s.lip_least or k in (0, len(values) - 1):
             return predicted
         before, most, behind = likeness[k - 1 : k + 2].tolist()
         step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
@@ -82,7 +82,7 @@ class MouthSearch:
         if fits:
             return best
         lowest = best.energy - s.skin_energy * seen
-        starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.skin_least else _JAW_STARTS
+        starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.chin_least else _JAW_STARTS
         for jaw in starts:
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
                 animation = best.pose.animation.copy()
@@ -99,7 +99,7 @@ class MouthSearch:
         correlations, and at least the one below which it is hidden or changed."""
         jaws = np.append(pose.animation[JAW_DROP], jaws)
         likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, jaws)
-        return [max(value, self.settings.skin_least) for value in likeness.tolist()]
+        return [max(value, self.settings.chin_least) for value in likeness.tolist()]
 
     def relaxed(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and
