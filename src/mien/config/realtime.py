@@ -66,6 +66,12 @@ class VisibilitySettings(Settings):
         4, ge=1, description="number of landmarks that something on the face covers at least, at most one at the mouth"
     )
     closing_share: float = Field(0.25, gt=0, description="eye closure above which the eye landmarks are ignored")
+    least_eye_contrast: float = Field(
+        0.15, ge=0, description="contrast of an eye, relative to that of the face, below which it cannot be seen"
+    )
+    eye_glare: float = Field(
+        1.25, gt=0, description="brightness of an eye, relative to the brightest skin, above which it cannot be seen"
+    )
 
 
 class SolverSettings(Settings):

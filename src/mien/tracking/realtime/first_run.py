@@ -43,6 +43,7 @@ from mien.tracking.realtime import (
     skin,
     solution,
     uncertainty,
+    veiled,
 )
 from mien.tracking.realtime.kernels import AppearanceArrays, PriorArrays
 from mien.tracking.realtime.motion import Template
@@ -122,6 +123,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
+    (veiled._veiled, (_single(2), _PERSON, _POSE, _VIEW, (_SEEN, _array(1), 0.0), 0.0, 0.0)),
     (skin._look, (_single(2), _PERSON, _SKIN, _POSE, 0.0, _VIEW, _single(1))),
     (skin._likeness, (_single(2), _PERSON, _SKIN, _POSE, _array(1), _VIEW, _single(1))),
     (motion.center, (_single(1),)),

@@ -107,7 +107,8 @@ class Prediction:
 @dataclass(frozen=True)
 class View:
     """A frame prepared for `kernels.solve`: the grey crop for a pose, its geometry, and the landmarks that face the
-    camera. upright: the pose at whose roll and scale descriptors are sampled."""
+    camera. upright: the pose at whose roll and scale descriptors are sampled; turned: the landmarks that face the
+    camera, with those that `of_landmarks` has left out."""
 
     level: Level
     pose: Pose
@@ -115,10 +116,11 @@ class View:
     image: Float32
     geometry: ViewArrays
     facing: Mask
+    turned: Mask
 
     def upright_at(self, pose: Pose) -> View:
         """The same view, with descriptors sampled at the roll and scale of a pose."""
-        return View(self.level, self.pose, pose, self.image, self.geometry, self.facing)
+        return View(self.level, self.pose, pose, self.image, self.geometry, self.facing, self.turned)
 
     def of_landmarks(self, which: Mask) -> View:
         """The same view of only those landmarks `which` (n,) that face the camera; both share the orientation maps."""

@@ -76,7 +76,7 @@ class PoseSolver:
             facing &= ~self._behind_graphics(frame.graphics, X, level.descriptor.reach / camera.scale)
         if is_blank(image):
             facing[:] = False
-        return View(level, pose, pose, image, (camera.projection, pose.ray), facing)
+        return View(level, pose, pose, image, (camera.projection, pose.ray), facing, facing)
 
     def share_behind_graphics(self, graphics: Graphics, pose: Pose) -> float:
         """Share of the landmarks of a face at a pose that graphics cover at full resolution."""

@@ -46,7 +46,16 @@ from mien.tracking.realtime.uncertainty import (
     state_covariance,
     visibility,
 )
-from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_begun, require_first, require_next_of
+from mien.tracking.realtime.veiled import Veiled, veiled_eyes
+from mien.tracking.state import (
+    Closing,
+    Estimate,
+    Status,
+    TrackedLandmarks,
+    require_begun,
+    require_first,
+    require_next_of,
+)
 
 _LIDS = np.array(
     [[LANDMARK_NAMES.index(f"{side}_eyelid_{lid}_mid") for side in ("right", "left")] for lid in ("upper", "lower")]
@@ -118,6 +127,7 @@ class RealtimeTracker:
         self.identity = Identity(1.0 - self.person.temples)
         self.lost_frames = 0
         settled = self._refine_first_pose(frame)
+        self._warn_of_veiled_eyes(frame)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.share_behind_graphics(self.graphics, self.pose)
@@ -148,6 +158,15 @@ class RealtimeTracker:
                 "finds landmarks there, and --landmarks learns the face from them"
             )
         return solution
+
+    def _warn_of_veiled_eyes(self, frame: Frame) -> None:
+        """Keep in mind, with a warning, whether the eyes of the first frame cannot be seen."""
+        self.learned_veiled = self.veiled.all
+        if self.learned_veiled and self.closing is not None:
+            warn(
+                f"the eyes cannot be seen at {frame.time:.2f} s, where the face is learned, as behind dark glasses or "
+                "reflections, so that eyes_closed is not estimated; begin where they are seen"
+            )
 
     def _quality(self, frame: Frame) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
@@ -325,9 +344,22 @@ class RealtimeTracker:
         agreements = self.identity.patches.add(*patches, seen, frame.time)
         mouth = self.person.mouth
         self.visible = visibility(solution.d2_without_noise, solution.facing, self.identity.patches.agreement, mouth)
+        self.veiled = self._veiled(view, patches[1])
+        self.visible[self.veiled.landmarks] = 0
         # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
         self.motion.weight = np.maximum(seen, mouth * self.visible)
         return agreements
+
+    def _veiled(self, view: View, norms: Array) -> Veiled:
+        """The eyes that cannot be seen. norms: (n,) of the patches, see `Template`."""
+        shown = view.turned, norms, 1 / math.sqrt(self.face.patches.shape[1])
+        arrays, pose = self.person.arrays, self.pose.arrays
+        return veiled_eyes(view.image, arrays, pose, view.geometry, shown, self.settings.visibility)
+
+    @property
+    def _told_closing(self) -> Closing | None:
+        """The closing that is reported: none of eyes that cannot be seen, or could not where they were learned."""
+        return None if self.veiled.all or self.learned_veiled else self.closing
 
     def _without_eyes(self, view: View, predicted: Prediction) -> tuple[View, Solution, Prediction]:
         """The view, solution and predicted motion without the landmarks of the eyes, while these blink."""
@@ -352,14 +384,15 @@ class RealtimeTracker:
             landmarks=self._tracked_landmarks(solution),
             confidence=confidence(covariance, solution.seen_share, familiar, self.identity.probability),
             mm_per_unit=self.fit.mm_per_unit,
-            closing=self.closing,
+            closing=self._told_closing,
             model_rotation=self.pose.R,
         )
 
     def _tracked_landmarks(self, solution: Solution) -> TrackedLandmarks:
         """The landmarks at the present pose, how visible they are, and how far from what was expected."""
         n = len(LANDMARK_NAMES)
-        X, image = self._reported_landmarks(self.pose, self.closing.share if self.closing else 0.0)
+        closing = self._told_closing
+        X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
         visible = self.visible[:n]
         if self._eyes_are_shut:
             visible = np.where(self.person.eyes[:n], 0.0, visible)

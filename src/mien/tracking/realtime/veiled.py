@@ -1,0 +1,108 @@
+"""Eyes that cannot be seen: behind dark glasses or a reflection, or under something plain.
+
+Descriptors are invariant to gain, so that what is left of an eye behind a dark lens, and the edge of the lens, look
+like an eye that stays open. An eye, open or shut, differs from skin: iris, lashes and the shadow of the lid are about
+as rich in contrast as the rest of a face. So an eye that shows a small part of that contrast is not seen, nor is one
+that is brighter than the brightest skin of the face, as only a light is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mien.arrays import Array, Float32, Mask
+from mien.compiled import kernel
+from mien.config.realtime import VisibilitySettings
+from mien.initialization.landmarks import LANDMARK_NAMES
+from mien.tracking.realtime.motion import bilinear
+from mien.tracking.realtime.order import insert
+from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, ViewArrays, head_to_crop, project_to_crop
+from mien.tracking.realtime.pose_geometry import landmark as landmark_of
+
+_PARTS = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
+_EYES = np.array([[LANDMARK_NAMES.index(f"{side}_{part}") for part in _PARTS] for side in ("right", "left")])
+"""Rows (2, 4) of the landmarks of each eye."""
+_OF_EYES = np.isin(np.arange(len(LANDMARK_NAMES)), _EYES)
+"""Which landmarks these are; what is tracked beside the landmarks follows them."""
+_ALONG, _ACROSS = np.linspace(0.2, 0.8, 7), np.linspace(-0.2, 0.2, 5)
+"""Where an eye is looked at: from the outer corner to the inner one, and up, in widths of the eye."""
+_AROUND = np.array([-0.12, 0.12])
+"""Where the brightness of a patch is looked at, to either side of its landmark, CANDIDE units."""
+_BRIGHTEST = 0.9
+"""Quantile of the brightness of the patches of a face that is taken for its brightest skin."""
+
+
+class Veiled(NamedTuple):
+    """Which landmarks (n,) belong to eyes of which something faces the camera and that cannot be seen; whether that is
+    so of all eyes of which something does."""
+
+    landmarks: Mask
+    all: bool
+
+
+def veiled_eyes(
+    image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays, shown: tuple[Mask, Array, float],
+    settings: VisibilitySettings,
+) -> Veiled:  # fmt: skip
+    """Which eyes a crop, in which the face is at a pose, does not show. shown: which landmarks (n,) face the camera,
+    the norms (n,) of the patches around them, and what makes these standard deviations of the grey values."""
+    return Veiled(*_veiled(image, person, pose, view, shown, settings.least_eye_contrast, settings.eye_glare))
+
+
+@kernel()
+def _veiled(image: Any, person: Any, pose: Any, view: Any, shown: Any, least: float, glare: float) -> Any:
+    """The entries of `Veiled`."""
+    facing, norms, scale = shown
+    R, t, a = pose
+    n, to_crop = facing.size, head_to_crop(R, t, view)
+    veiled, contrasts, brightness = np.zeros(n, np.bool_), np.empty(n), np.empty(n)
+    count, faces, hidden = 0, 0, 0
+    for i in range(n):
+        if facing[i] and not (i < _OF_EYES.size and _OF_EYES[i]):
+            insert(scale * norms[i], contrasts, count)
+            insert(_brightness(i, image, person, a, to_crop), brightness, count)
+            count += 1
+    if count == 0:
+        return veiled, False
+    usual, brightest = contrasts[count // 2], brightness[int(_BRIGHTEST * (count - 1))]
+    for k in range(len(_EYES)):
+        if facing[_EYES[k]].any():
+            faces += 1
+            median, sd = _look(_EYES[k, 0], _EYES[k, 1], image, person, a, to_crop)
+            if sd < least * usual or median > glare * brightest:
+                hidden += 1
+                veiled[_EYES[k]] = True
+    return veiled, 0 < faces == hidden
+
+
+@kernel()
+def _brightness(i: int, image: Any, person: Any, a: Any, to_crop: Any) -> float:
+    """Mean grey value around landmark i."""
+    x, y, z = landmark_of(i, person, a)
+    total = 0.0
+    for dx in _AROUND:
+        for dy in _AROUND:
+            u, v, _ = project_to_crop(x + dx, y + dy, z, to_crop)
+            total += bilinear(image, u, v)[0]
+    return total / (_AROUND.size * _AROUND.size)
+
+
+@kernel()
+def _look(outer: int, inner: int, image: Any, person: Any, a: Any, to_crop: Any) -> Any:
+    """Median and standard deviation of the grey values between the corners of an eye."""
+    x, y, z = landmark_of(outer, person, a)
+    X, Y, Z = landmark_of(inner, person, a)
+    width = np.sqrt((X - x) ** 2 + (Y - y) ** 2 + (Z - z) ** 2)
+    values, count, total, squares = np.empty(_ALONG.size * _ACROSS.size), 0, 0.0, 0.0
+    for s in _ALONG:
+        for up in _ACROSS:
+            u, v, _ = project_to_crop(x + s * (X - x), y + s * (Y - y) + up * width, z + s * (Z - z), to_crop)
+            value = float(bilinear(image, u, v)[0])
+            insert(value, values, count)
+            count += 1
+            total += value
+            squares += value * value
+    mean = total / count
+    return values[count // 2], np.sqrt(max(squares / count - mean * mean, 0.0))
