@@ -177,3 +177,10 @@ def test_what_is_not_told_of_the_eyes_moves_no_head() -> None:
         assert told.rotation is not None
         np.testing.assert_array_equal(told.rotation, silent.rotation)
         np.testing.assert_array_equal(told.covariance, silent.covariance)
+
+
+def test_eyes_that_are_taken_for_shut_are_looked_at_as_well() -> None:
+    """They take no part in the pose then."""
+    shut = RealtimeSettings(visibility=VisibilitySettings(closing_share=1e-9))
+    estimates = _track(_dark, begin=PUT_ON, settings=shut)
+    assert [estimate.closing is None for estimate in estimates] == [k >= PUT_ON for k in range(FRAMES)]
