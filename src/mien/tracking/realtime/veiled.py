@@ -57,24 +57,36 @@ def _veiled(image: Any, person: Any, pose: Any, view: Any, shown: Any, least: fl
     facing, norms, scale = shown
     R, t, a = pose
     n, to_crop = facing.size, head_to_crop(R, t, view)
-    veiled, contrasts, brightness = np.zeros(n, np.bool_), np.empty(n), np.empty(n)
+    veiled, contrasts, others = np.zeros(n, np.bool_), np.empty(n), np.empty(n, np.intp)
     count, faces, hidden = 0, 0, 0
     for i in range(n):
         if facing[i] and not (i < _OF_EYES.size and _OF_EYES[i]):
             insert(scale * norms[i], contrasts, count)
-            insert(_brightness(i, image, person, a, to_crop), brightness, count)
+            others[count] = i
             count += 1
     if count == 0:
         return veiled, False
-    usual, brightest = contrasts[count // 2], brightness[int(_BRIGHTEST * (count - 1))]
+    usual = contrasts[count // 2]
     for k in range(len(_EYES)):
         if facing[_EYES[k]].any():
             faces += 1
             median, sd = _look(_EYES[k, 0], _EYES[k, 1], image, person, a, to_crop)
-            if sd < least * usual or median > glare * brightest:
+            if sd < least * usual or _outshines(median / glare, others[:count], image, person, a, to_crop):
                 hidden += 1
                 veiled[_EYES[k]] = True
     return veiled, 0 < faces == hidden
+
+
+@kernel()
+def _outshines(grey: float, others: Any, image: Any, person: Any, a: Any, to_crop: Any) -> bool:
+    """Whether a grey value exceeds the brightness of the quantile `_BRIGHTEST` of landmarks `others` (m,)."""
+    needed = others.size - int(_BRIGHTEST * (others.size - 1))
+    for i in others:
+        if _brightness(i, image, person, a, to_crop) >= grey:
+            needed -= 1
+            if needed == 0:  # mostly after a few of them
+                return False
+    return True
 
 
 @kernel()
