@@ -228,6 +228,11 @@ class MouthSettings(Settings):
         le=1,
         description="correlation of the skin above the upper lip with the first frame below which it says nothing",
     )
+    lip_gain: float = Field(
+        0.2,
+        ge=0,
+        description="correlation of that skin by which it must be better elsewhere than where it is predicted",
+    )
     lip_turn_deg: float = Field(
         3.0, gt=0, description="rotation of the head at which what the skin says of the upper lip counts for half"
     )

@@ -61,7 +61,12 @@ class MouthSearch:
         before, most, behind = likeness[k - 1 : k + 2].tolist()
         step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
         seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
-        certain = s.skin_energy * bend / step**2 / (1 + self.prior.turned(pose, s.lip_turn_deg))
+        trust = 1 / (1 + self.prior.turned(pose, s.lip_turn_deg))
+        if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.lip_gain:
+            animation = pose.animation.copy()
+            animation[unit] = seen
+            pose = replace(pose, animation=animation)  # what was predicted is not there
+        certain = trust * s.skin_energy * bend / step**2
         information, gradient = predicted.information.copy(), np.zeros(12)
         information[6 + unit, 6 + unit] += certain
         gradient[6 + unit] = certain * (seen - float(pose.animation[unit]))
