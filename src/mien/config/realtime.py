@@ -231,7 +231,7 @@ class MouthSettings(Settings):
     lip_gain: float = Field(
         0.2,
         ge=0,
-        description="correlation of that skin by which it must be better elsewhere than where it is predicted",
+        description="correlation that skin must have elsewhere, more than where it is predicted",
     )
     lip_turn_deg: float = Field(
         3.0, gt=0, description="rotation of the head at which what the skin says of the upper lip counts for half"
