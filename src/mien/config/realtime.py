@@ -229,9 +229,7 @@ class MouthSettings(Settings):
         description="correlation of the skin above the upper lip with the first frame below which it says nothing",
     )
     lip_gain: float = Field(
-        0.2,
-        ge=0,
-        description="correlation that skin must have elsewhere, more than where it is predicted",
+        0.2, ge=0, description="by how much that correlation must be higher elsewhere for a prediction to be given up"
     )
     lip_turn_deg: float = Field(
         3.0, gt=0, description="rotation of the head at which what the skin says of the upper lip counts for half"

@@ -53,6 +53,8 @@ LANDMARK_VERTICES: Mapping[str, int] = MappingProxyType(
 """The 26 landmarks, by name, and their vertices: corners and edges where a gradient histogram responds to
 displacement, on every part of the face that the six animation units move. `docs/method.md` gives the reasons."""
 LANDMARK_NAMES = tuple(LANDMARK_VERTICES)
+EYE_PARTS = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
+"""The names of the landmarks of an eye, without their side."""
 VERTICES = list(LANDMARK_VERTICES.values())
 """The vertices alone, as an index into all."""
 

@@ -26,14 +26,13 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.fit import FirstFrame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.level import Level, Noise
 from mien.tracking.realtime.skin import CHIN, UPPER_LIP
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
-_EYE = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
 _EYES = (close_eye, 0.5), (close_eye, 1.0), (turn_eye, -0.2), (turn_eye, 0.2)
 """What the eyes do in the views that show them moved, in turn: half closed, shut, looking to either side."""
 _MIRRORED_EYES = (0, 1, 3, 2)
@@ -362,7 +361,7 @@ def _with_eyes(frame: Frame, points: Array, draw: Callable[..., Pixels], share: 
     """The frame with both eyes, at the landmarks' image points (n, 2), closed or turned to the right of the image."""
     pixels = frame.pixels
     for side in ("right", "left"):
-        outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in _EYE)
+        outer, inner, upper, lower = (points[LANDMARK_NAMES.index(f"{side}_{part}")] for part in EYE_PARTS)
         corners = [outer, inner] if side == "right" else [inner, outer]
         pixels = draw(pixels, np.array(corners), np.array([upper, lower]), share)
     return Frame(pixels, frame.index, frame.time)

@@ -1,4 +1,5 @@
-"""A mouth that moves further than its patches reach, or that what was measured of its motion has led astray."""
+"""The mouth by the skin beside the lips, where it moves further than its patches reach, and where what was measured of
+its motion has led it astray."""
 
 from __future__ import annotations
 
@@ -63,9 +64,7 @@ class MouthSearch:
         seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
         trust = 1 / (1 + self.prior.turned(pose, s.lip_turn_deg))
         if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.lip_gain:
-            animation = pose.animation.copy()
-            animation[unit] = seen
-            pose = replace(pose, animation=animation)  # what was predicted is not there
+            pose = pose.with_unit(unit, seen)  # what was predicted is not there
         certain = trust * s.skin_energy * bend / step**2
         information, gradient = predicted.information.copy(), np.zeros(12)
         information[6 + unit, 6 + unit] += certain
@@ -90,9 +89,7 @@ class MouthSearch:
         starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.chin_least else _JAW_STARTS
         for jaw in starts:
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
-                animation = best.pose.animation.copy()
-                animation[JAW_DROP] = jaw
-                candidate = self.solver.solve(view, replace(best.pose, animation=animation), predicted)
+                candidate = self.solver.solve(view, best.pose.with_unit(JAW_DROP, jaw), predicted)
                 (seen,) = self._chin(view, candidate.pose)
                 energy = candidate.energy - s.skin_energy * seen
                 if energy < lowest:

@@ -67,9 +67,9 @@ class Skin:
         """points: (m, 3) of the region, relative to its carrier, head axes; image, pose, view: the crop of the first
         frame, and the face in it."""
         first = float(pose[2][region.unit])
-        self.points = points.T.copy(), region.shares, region.carrier, region.unit, first
+        self.where = points.T.copy(), region.shares, region.carrier, region.unit, first
         self.values = np.empty(len(points), np.float32)
-        _look(image, person, self.points, pose, first, view, self.values)
+        _look(image, person, self.where, pose, first, view, self.values)
         center(self.values)
 
     def likeness(
@@ -77,7 +77,7 @@ class Skin:
     ) -> Array:
         """Correlations (k,) of the skin in the first frame with what a crop, in which the face is at a pose, shows
         where values (k,) of the region's unit would have carried it."""
-        likeness: Array = _likeness(image, person, self.points, pose, values, view, self.values)
+        likeness: Array = _likeness(image, person, self.where, pose, values, view, self.values)
         return likeness
 
 

@@ -48,6 +48,12 @@ class Pose:
         """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
         return Pose(*pose_geometry.step_back(self.arrays, -step))
 
+    def with_unit(self, unit: int, value: float) -> Pose:
+        """The pose with another value of an animation unit."""
+        animation = self.animation.copy()
+        animation[unit] = value
+        return replace(self, animation=animation)
+
     @cached_property
     def arrays(self) -> PoseArrays:
         """The pose as the kernels take it."""
@@ -107,8 +113,8 @@ class Prediction:
 @dataclass(frozen=True)
 class View:
     """A frame prepared for `kernels.solve`: the grey crop for a pose, its geometry, and the landmarks that face the
-    camera. upright: the pose at whose roll and scale descriptors are sampled; turned: the landmarks that face the
-    camera, with those that `of_landmarks` has left out."""
+    camera. upright: the pose at whose roll and scale descriptors are sampled; all_facing: with the landmarks that
+    `of_landmarks` has left out."""
 
     level: Level
     pose: Pose
@@ -116,11 +122,11 @@ class View:
     image: Float32
     geometry: ViewArrays
     facing: Mask
-    turned: Mask
+    all_facing: Mask
 
     def upright_at(self, pose: Pose) -> View:
         """The same view, with descriptors sampled at the roll and scale of a pose."""
-        return View(self.level, self.pose, pose, self.image, self.geometry, self.facing, self.turned)
+        return replace(self, upright=pose)
 
     def of_landmarks(self, which: Mask) -> View:
         """The same view of only those landmarks `which` (n,) that face the camera; both share the orientation maps."""

@@ -127,7 +127,6 @@ class RealtimeTracker:
         self.identity = Identity(1.0 - self.person.temples)
         self.lost_frames = 0
         settled = self._refine_first_pose(frame)
-        self._warn_of_veiled_eyes(frame)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.share_behind_graphics(self.graphics, self.pose)
@@ -150,23 +149,19 @@ class RealtimeTracker:
         chin, upper_lip = Skin(CHIN, self.face.chin, *crop), Skin(UPPER_LIP, self.face.upper_lip, *crop)
         self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, upper_lip, self.settings.mouth)
         self._remember(frame, view, solution)
-        self.closing = self.person.closing(solution)
+        self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
         if self.closing is None:
             warn(
                 f"the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, so that "
                 "eyes_closed is not estimated; begin where they are open; in a file, `mien landmarks` with --start "
                 "finds landmarks there, and --landmarks learns the face from them"
             )
-        return solution
-
-    def _warn_of_veiled_eyes(self, frame: Frame) -> None:
-        """Keep in mind, with a warning, whether the eyes of the first frame cannot be seen."""
-        self.learned_veiled = self.veiled.all
-        if self.learned_veiled and self.closing is not None:
+        elif self.learned_veiled:
             warn(
                 f"the eyes cannot be seen at {frame.time:.2f} s, where the face is learned, as behind dark glasses or "
                 "reflections, so that eyes_closed is not estimated; begin where they are seen"
             )
+        return solution
 
     def _quality(self, frame: Frame) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
@@ -352,7 +347,7 @@ class RealtimeTracker:
 
     def _veiled(self, view: View, norms: Array) -> Veiled:
         """The eyes that cannot be seen. norms: (n,) of the patches, see `Template`."""
-        shown = view.turned, norms, 1 / math.sqrt(self.face.patches.shape[1])
+        shown = view.all_facing, norms, 1 / math.sqrt(self.face.patches.shape[1])
         arrays, pose = self.person.arrays, self.pose.arrays
         return veiled_eyes(view.image, arrays, pose, view.geometry, shown, self.settings.visibility)
 

@@ -15,14 +15,13 @@ import numpy as np
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.config.realtime import VisibilitySettings
-from mien.initialization.landmarks import LANDMARK_NAMES
+from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES
 from mien.tracking.realtime.motion import bilinear
 from mien.tracking.realtime.order import insert
 from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, ViewArrays, head_to_crop, project_to_crop
 from mien.tracking.realtime.pose_geometry import landmark as landmark_of
 
-_PARTS = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
-_EYES = np.array([[LANDMARK_NAMES.index(f"{side}_{part}") for part in _PARTS] for side in ("right", "left")])
+_EYES = np.array([[LANDMARK_NAMES.index(f"{side}_{part}") for part in EYE_PARTS] for side in ("right", "left")])
 """Rows (2, 4) of the landmarks of each eye."""
 _OF_EYES = np.isin(np.arange(len(LANDMARK_NAMES)), _EYES)
 """Which landmarks these are; what is tracked beside the landmarks follows them."""
