@@ -220,19 +220,22 @@ class MouthSettings(Settings):
         3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
     )
     skin_energy: float = Field(
-        50.0, ge=0, description="energy that skin beside a lip exactly as in the first frame is worth"
+        50.0, ge=0, description="energy that skin of chin or upper lip exactly as in the first frame is worth"
     )
-    lip_least: float = Field(
+    corner_energy: float = Field(
+        15.0, ge=0, description="the same, of the skin around the corners of the mouth, and of both together"
+    )
+    skin_least: float = Field(
         0.5,
         ge=-1,
         le=1,
-        description="correlation of the skin above the upper lip with the first frame below which it says nothing",
+        description="correlation of skin beside the lips with the first frame below which it says nothing",
     )
-    lip_gain: float = Field(
+    skin_gain: float = Field(
         0.2, ge=0, description="by how much that correlation must be higher elsewhere for a prediction to be given up"
     )
-    lip_turn_deg: float = Field(
-        3.0, gt=0, description="rotation of the head at which what the skin says of the upper lip counts for half"
+    skin_turn_deg: float = Field(
+        3.0, gt=0, description="rotation of the head at which what that skin says counts for half"
     )
     chin_seen: float = Field(
         0.8, ge=-1, le=1, description="correlation of the chin with the first frame above which it is certainly seen"

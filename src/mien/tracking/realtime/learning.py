@@ -29,7 +29,7 @@ from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.level import Level, Noise
-from mien.tracking.realtime.skin import CHIN, UPPER_LIP
+from mien.tracking.realtime.skin import CHIN, CORNERS, UPPER_LIP
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
@@ -58,14 +58,16 @@ _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("rig
 @dataclass(frozen=True)
 class LearnedFace:
     """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
-    relative to it, in head axes; likewise the skin of the chin (k, 3) and above the upper lip (l, 3), relative to the
-    carriers of these regions; the coarse and the fine level."""
+    relative to it, in head axes; likewise the skin of the chin (k, 3), above the upper lip (l, 3), and around the right
+    and the left corner of the mouth (2, j, 3), relative to the carriers of these regions; the coarse and the fine
+    level."""
 
     neutral: Array
     normals: Array
     patches: Array
     chin: Array
     upper_lip: Array
+    corners: Array
     coarse: Level
     fine: Level
 
@@ -87,10 +89,11 @@ def learn_face(
     fine = _learn_level(posed, settings.descriptor, settings.views.per_angle, settings)
     neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = _around_each(points, _patches(len(points), settings.motion), surface, fit, camera)
-    chin, upper_lip = (
-        _around_each(points[[region.carrier]], region.offsets, surface, fit, camera)[0] for region in (CHIN, UPPER_LIP)
+    chin, upper_lip, *corners = (
+        _around_each(points[[region.carrier]], _in_image(region.offsets, fit.R), surface, fit, camera)[0]
+        for region in (CHIN, UPPER_LIP, *CORNERS)
     )
-    return LearnedFace(neutral, normals, patches, chin, upper_lip, coarse, fine)
+    return LearnedFace(neutral, normals, patches, chin, upper_lip, np.stack(corners), coarse, fine)
 
 
 @dataclass(frozen=True)
@@ -384,6 +387,11 @@ def _around_each(points: Array, offsets: Array, surface: Surface, fit: FirstFram
     around = on_surface(rays.reshape(-1, 3), surface, camera).reshape(rays.shape)
     relative: Array = (around - points[:, None]) @ fit.R
     return np.ascontiguousarray(relative)
+
+
+def _in_image(offsets: Array, R: Array) -> Array:
+    """Offsets (m, 2), right and down of a face that looks into the camera, in an image of it at a rotation R (3, 3)."""
+    return np.asarray(offsets @ np.stack([R[:2, 0], -R[:2, 1]]))
 
 
 def spread_lights(count: int, contrast: float) -> Array:

@@ -14,7 +14,7 @@ from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.skin import UPPER_LIP, Skin
+from mien.tracking.realtime.skin import CORNERS, UPPER_LIP, Corners, Skin
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
@@ -32,8 +32,9 @@ _OTHER_JAW = 0.175
 
 class MouthSearch:
     """Looks for the lips by the skin beside them, and starts the solver again from other mouths where the one that it
-    found does not fit. strange_frames: for how many frames a moved mouth has not; is_open: whether the chin has shown
-    that the mouth opened, and it has not closed."""
+    found does not fit. widening: CANDIDE units by which lip_stretcher moves a corner of the mouth outwards;
+    strange_frames: for how many frames a moved mouth has not fitted; is_open: whether the chin has shown that the mouth
+    opened, and it has not closed."""
 
     def __init__(
         self,
@@ -42,30 +43,44 @@ class MouthSearch:
         prior: StatePrior,
         chin: Skin,
         upper_lip: Skin,
+        corners: Corners,
         settings: MouthSettings,
     ) -> None:
         self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
-        self.chin, self.upper_lip = chin, upper_lip
+        self.chin, self.upper_lip, self.corners = chin, upper_lip, corners
+        self.widening = float(np.mean([abs(person.units[side.unit, side.carrier, 0]) for side in CORNERS]))
         self.strange_frames, self.is_open = 0, False
 
-    def with_upper_lip(self, view: View, predicted: Prediction) -> Prediction:
-        """A prediction, and where the skin above the upper lip is seen. Lips that bare the teeth look strange wherever
-        they are, and what was measured of their motion is drawn back to rest. How certain the place is follows from how
-        sharply the likeness falls beside it; the further a head turns, the more the skin looks otherwise by that."""
-        s, unit = self.settings, UPPER_LIP.unit
-        values = float(self.prior.rest[unit]) + _LIPS
-        pose = predicted.pose
-        likeness = self.upper_lip.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, values)
-        k = int(np.argmax(likeness))
-        if likeness[k] < s.lip_least or k in (0, len(values) - 1):
+    def with_skin(self, view: View, predicted: Prediction) -> Prediction:
+        """A prediction, and where the skin above the upper lip and around the corners of the mouth is seen. Lips that
+        bare the teeth look strange wherever they are, and what was measured of their motion is drawn back to rest."""
+        s, person, rest = self.settings, self.person.arrays, self.prior.rest
+        lips = rest[UPPER_LIP.unit] + _LIPS
+        likeness = self.upper_lip.likeness(view.image, person, predicted.pose.arrays, view.geometry, lips)
+        predicted = self._seen(predicted, UPPER_LIP.unit, lips, likeness, s.skin_energy)
+        likeness = self.corners.likeness(view.image, person, predicted.pose.arrays, view.geometry)
+        row = int(likeness.argmax()) // likeness.shape[1]  # how far down they are does not say how far out
+        if row in (0, len(likeness) - 1) or not self.widening:
+            return predicted
+        unit = CORNERS[0].unit
+        stretched = rest[unit] + self.corners.shifts / self.widening
+        return self._seen(predicted, unit, stretched, likeness[row], s.corner_energy)
+
+    def _seen(self, predicted: Prediction, unit: int, values: Array, likeness: Array, energy: float) -> Prediction:
+        """A prediction, and that the likeness (k,) of some skin with that of the first frame is greatest at some of the
+        values (k,) of a unit. How certain that is follows from how sharply the likeness falls beside it; the further a
+        head turns, the more the skin looks otherwise by that. energy: that skin exactly as in the first frame is
+        worth."""
+        s, pose, k = self.settings, predicted.pose, int(np.argmax(likeness))
+        if likeness[k] < s.skin_least or k in (0, len(values) - 1):
             return predicted
         before, most, behind = likeness[k - 1 : k + 2].tolist()
         step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
         seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
-        trust = 1 / (1 + self.prior.turned(pose, s.lip_turn_deg))
-        if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.lip_gain:
+        trust = 1 / (1 + self.prior.turned(pose, s.skin_turn_deg))
+        if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.skin_gain:
             pose = pose.with_unit(unit, seen)  # what was predicted is not there
-        certain = trust * s.skin_energy * bend / step**2
+        certain = trust * energy * bend / step**2
         information, gradient = predicted.information.copy(), np.zeros(12)
         information[6 + unit, 6 + unit] += certain
         gradient[6 + unit] = certain * (seen - float(pose.animation[unit]))

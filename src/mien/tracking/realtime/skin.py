@@ -2,7 +2,7 @@
 
 A mouth that opens, or bares its teeth, shows what the first frame did not, so that the landmarks of the lips look
 strange wherever they are. The skin between lower lip and chin, which the jaw carries, stays as it is; that between nose
-and upper lip stretches between them.
+and upper lip stretches between them; that around the corners of the mouth moves over the face with them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 
 from mien.arrays import Array, Float32
@@ -29,8 +30,9 @@ from mien.tracking.realtime.pose_geometry import (
 
 
 class Region(NamedTuple):
-    """Where m points of skin lie in the first frame's image from a landmark, the carrier: offsets (m, 2), right and
-    down, CANDIDE units; and which share (m,) of the motion of the carrier by an animation unit they follow."""
+    """Where m points of skin lie from a landmark, the carrier, in the image of a face that looks into the camera:
+    offsets (m, 2), right and down, CANDIDE units; and which share (m,) of the motion of the carrier by an animation
+    unit they follow."""
 
     carrier: int
     unit: int
@@ -57,6 +59,27 @@ UPPER_LIP = _region(
 )
 """The border of the upper lip, and the skin above it, as far as the nose."""
 
+_SPACING = 0.022
+"""CANDIDE units between the points of the lattice around a corner of the mouth."""
+_INNER, _OUTER, _ABOVE, _BELOW = 4, 6, 9, 7
+"""How many of these the skin that is looked for extends from the corner: towards the mouth, away from it, up and
+down."""
+_IN, _OUT, _UP_DOWN = 5, 8, 6
+"""By how many of these it is looked for elsewhere: towards the mouth, away from it, and up or down."""
+_ROWS, _COLUMNS = _ABOVE + _BELOW + 1, _INNER + _OUTER + 1
+"""Size of that skin, in points."""
+
+
+def _corner(side: str, outwards: int) -> Region:
+    """The lattice around a corner of the mouth, row by row, each from the mouth outwards; it stays on the face."""
+    out = outwards * _SPACING * np.arange(-_INNER - _IN, _OUTER + _OUT + 1)
+    down = _SPACING * np.arange(-_ABOVE - _UP_DOWN, _BELOW + _UP_DOWN + 1)
+    return _region(f"{side}_mouth_corner_outer", TRACKED_UNITS.index("lip_stretcher"), out, down)
+
+
+CORNERS = _corner("right", -1), _corner("left", 1)
+"""The surroundings of the right and the left corner of the mouth."""
+
 
 class Skin:
     """What a region of skin looks like in the first frame, and how much a crop shows the same."""
@@ -79,6 +102,37 @@ class Skin:
         where values (k,) of the region's unit would have carried it."""
         likeness: Array = _likeness(image, person, self.where, pose, values, view, self.values)
         return likeness
+
+
+class Corners:
+    """The skin around the corners of the mouth in the first frame, and how far it has moved over the face. shifts:
+    (13,) distances outwards at which it is looked for, CANDIDE units."""
+
+    shifts = _SPACING * np.arange(-_IN, _OUT + 1)
+
+    def __init__(self, points: Array, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays) -> None:
+        """points: (2, j, 3) of `CORNERS`, relative to their carriers, head axes; image, pose, view: the crop of the
+        first frame, and the face in it."""
+        self.first = pose[2].copy()
+        self.skins = [Skin(*of_side, image, person, pose, view) for of_side in zip(CORNERS, points, strict=True)]
+        rows, columns = slice(_UP_DOWN, _UP_DOWN + _ROWS), slice(_IN, _IN + _COLUMNS)
+        self.templates = [_lattice(skin.values)[rows, columns].copy() for skin in self.skins]
+
+    def likeness(self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays) -> Array:
+        """Correlations (13, 14), mean of both corners, of the skin around them in the first frame with what a crop, in
+        which the face is at a pose, shows where it would be if it had moved down and outwards."""
+        R, t, _ = pose
+        likeness = []
+        for skin, template in zip(self.skins, self.templates, strict=True):
+            shown = np.empty_like(skin.values)
+            _look(image, person, skin.where, (R, t, self.first), self.first[skin.where[3]], view, shown)
+            likeness.append(cv2.matchTemplate(_lattice(shown), template, cv2.TM_CCOEFF_NORMED))
+        return np.asarray(sum(likeness) / len(likeness))
+
+
+def _lattice(values: Float32) -> Float32:
+    """Values (j,) at the points of a corner, as rows of them."""
+    return values.reshape(_ROWS + 2 * _UP_DOWN, -1)
 
 
 @kernel()

@@ -34,7 +34,7 @@ from mien.tracking.realtime.mouth import MouthSearch
 from mien.tracking.realtime.person import TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
-from mien.tracking.realtime.skin import CHIN, UPPER_LIP, Skin
+from mien.tracking.realtime.skin import CHIN, UPPER_LIP, Corners, Skin
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
@@ -147,7 +147,8 @@ class RealtimeTracker:
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
         crop = view.image, self.person.arrays, self.pose.arrays, view.geometry
         chin, upper_lip = Skin(CHIN, self.face.chin, *crop), Skin(UPPER_LIP, self.face.upper_lip, *crop)
-        self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, upper_lip, self.settings.mouth)
+        corners = Corners(self.face.corners, *crop)
+        self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, upper_lip, corners, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
         if self.closing is None:
@@ -320,14 +321,14 @@ class RealtimeTracker:
         return replace(found, pose=found.pose.moved(-back))
 
     def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
-        """The prediction corrected by the motion of the pixels since the last frame, and by where the skin above the
-        upper lip is."""
+        """The prediction corrected by the motion of the pixels since the last frame, and by where the skin beside the
+        lips is."""
         prior = self.prior.arrays(predicted)
         moved, measured = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*moved)
         step = self.pose.step_to(pose)
         information = self.motion.information_of(measured, prior.information, self.step_covariance, step)
-        return self.mouth.with_upper_lip(view, Prediction(pose, information, self.pose))
+        return self.mouth.with_skin(view, Prediction(pose, information, self.pose))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Store what the next frame is compared with: the patches and the surroundings. Returns the correlations of the
