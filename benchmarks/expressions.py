@@ -2,7 +2,7 @@
 
 `OMP_NUM_THREADS=1 python benchmarks/expressions.py PATH`, with PATH a folder of videos. MediaPipe's points of every
 frame, with their depths, are laid over those of the first by the points that no expression moves; the gap of the lips,
-the width of the mouth, how low its corners hang below the upper lip, how near that is to the nose, and how high brows
+the width of the mouth, how low its corners hang below the nose, how near the upper lip is to that, and how high brows
 stand above the eyes are distances there, over that of the eyes' outer corners. Prints, as Markdown, the correlation of
 each with its unit, the standard deviation of the distance, in per cent, and the mean over the recordings, weighed by
 that.
@@ -49,7 +49,7 @@ def distances(points: Array) -> Array:
     return np.array([
         np.linalg.norm(points[13] - points[14]),
         np.linalg.norm(points[61] - points[291]),
-        down[[61, 291]].mean() - down[0],
+        down[[61, 291]].mean() - down[2],
         down[2] - down[0],
         down[[55, 285]].mean() - eyes,
         eyes - down[[63, 70, 293, 300]].mean(),
