@@ -106,7 +106,7 @@ class Skin:
 
 class Corners:
     """The skin around the corners of the mouth in the first frame, and how far it has moved over the face. shifts:
-    (13,) distances outwards at which it is looked for, CANDIDE units."""
+    (14,) distances outwards at which it is looked for, CANDIDE units."""
 
     shifts = _SPACING * np.arange(-_IN, _OUT + 1)
 
