@@ -14,7 +14,7 @@ from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.skin import CORNERS, UPPER_LIP, Corners, Skin
+from mien.tracking.realtime.skin import CHIN, CORNERS, UPPER_LIP, Corners, Skin
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
@@ -41,13 +41,15 @@ class MouthSearch:
         person: Person,
         solver: PoseSolver,
         prior: StatePrior,
-        chin: Skin,
-        upper_lip: Skin,
-        corners: Corners,
+        view: View,
+        first: Pose,
         settings: MouthSettings,
     ) -> None:
+        """view, first: the crop of the first frame, and the pose of the face in it."""
         self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
-        self.chin, self.upper_lip, self.corners = chin, upper_lip, corners
+        face, crop = person.face, (view.image, person.arrays, first.arrays, view.geometry)
+        self.chin, self.upper_lip = Skin(CHIN, face.chin, *crop), Skin(UPPER_LIP, face.upper_lip, *crop)
+        self.corners = Corners(face.corners, *crop)
         self.widening = float(np.mean([abs(person.units[side.unit, side.carrier, 0]) for side in CORNERS]))
         self.strange_frames, self.is_open = 0, False
 

@@ -91,9 +91,15 @@ class Skin:
         frame, and the face in it."""
         first = float(pose[2][region.unit])
         self.where = points.T.copy(), region.shares, region.carrier, region.unit, first
-        self.values = np.empty(len(points), np.float32)
-        _look(image, person, self.where, pose, first, view, self.values)
+        self.values = self.look(image, person, pose, view)
         center(self.values)
+
+    def look(self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays) -> Float32:
+        """Values (m,) that a crop, in which the face is at a pose, shows where the skin lies with its unit as in the
+        first frame."""
+        shown = np.empty(self.where[0].shape[1], np.float32)
+        _look(image, person, self.where, pose, self.where[-1], view, shown)
+        return shown
 
     def likeness(
         self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays, values: Array
@@ -122,12 +128,12 @@ class Corners:
         """Correlations (13, 14), mean of both corners, of the skin around them in the first frame with what a crop, in
         which the face is at a pose, shows where it would be if it had moved down and outwards."""
         R, t, _ = pose
-        likeness = []
-        for skin, template in zip(self.skins, self.templates, strict=True):
-            shown = np.empty_like(skin.values)
-            _look(image, person, skin.where, (R, t, self.first), self.first[skin.where[3]], view, shown)
-            likeness.append(cv2.matchTemplate(_lattice(shown), template, cv2.TM_CCOEFF_NORMED))
-        return np.asarray(sum(likeness) / len(likeness))
+        shown = [_lattice(skin.look(image, person, (R, t, self.first), view)) for skin in self.skins]
+        right, left = (
+            cv2.matchTemplate(of_side, template, cv2.TM_CCOEFF_NORMED)
+            for of_side, template in zip(shown, self.templates, strict=True)
+        )
+        return np.asarray((right + left) / 2)
 
 
 def _lattice(values: Float32) -> Float32:

@@ -34,7 +34,6 @@ from mien.tracking.realtime.mouth import MouthSearch
 from mien.tracking.realtime.person import TRUSTED, Person
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
-from mien.tracking.realtime.skin import CHIN, UPPER_LIP, Corners, Skin
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
@@ -145,10 +144,7 @@ class RealtimeTracker:
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
-        crop = view.image, self.person.arrays, self.pose.arrays, view.geometry
-        chin, upper_lip = Skin(CHIN, self.face.chin, *crop), Skin(UPPER_LIP, self.face.upper_lip, *crop)
-        corners = Corners(self.face.corners, *crop)
-        self.mouth = MouthSearch(self.person, self.solver, self.prior, chin, upper_lip, corners, self.settings.mouth)
+        self.mouth = MouthSearch(self.person, self.solver, self.prior, view, self.pose, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
         if self.closing is None:
