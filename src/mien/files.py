@@ -96,6 +96,11 @@ def json_text(values: Mapping[str, Any]) -> str:
     return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
 
 
+def user_path(path: str | Path) -> Path:
+    """The path of a file that a user names, with `~` as in a shell, which leaves it as it is within an option."""
+    return Path(os.path.expanduser(path))
+
+
 def real_path(path: Path) -> Path:
     """The path with symbolic links resolved as far as they lead; `Path.resolve` fails where they lead in a circle."""
     return Path(os.path.realpath(path))

@@ -19,6 +19,7 @@ import numpy as np
 
 from mien.candide.model import TRACKED_UNITS
 from mien.errors import MienError, require
+from mien.files import user_path
 from mien.frame import Frame
 from mien.geometry.rotation import is_rotation
 from mien.tracking.state import STATE_NAMES, Estimate, Status, TrackedLandmarks, Tracker
@@ -177,7 +178,7 @@ def _found(values: object, shape: tuple[int, ...]) -> str:
 def file_of(name: str) -> Path | None:
     """The file or folder in the name of a tracker, NAME:FILE; None if there is none."""
     known, _, argument = name.partition(":")
-    return Path(argument) if argument and known in TRACKERS else None
+    return user_path(argument) if argument and known in TRACKERS else None
 
 
 def code_of(name: str) -> Path | None:

@@ -251,6 +251,24 @@ def test_a_folder_is_no_name_for_a_table(track: Track, tmp_path: Path) -> None:
     assert len(Track.read(tmp_path / "a")) == len(track)  # is no doubt
 
 
+@pytest.mark.parametrize("name", ["out.mp4", "out.PNG", "out.glb"])
+def test_a_picture_is_no_name_for_a_table(track: Track, tmp_path: Path, name: str) -> None:
+    with pytest.raises(MienError, match=r"out\.csv, and use the options --overlay"):
+        track.save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_home_folder_may_be_named_as_in_a_shell(
+    track: Track, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    assert track.save("~/a/out.csv")[0] == tmp_path / "a" / "out.csv"
+    assert len(Track.read("~/a/out.csv")) == len(track)
+    assert Destination.checked("~/b", "~/o.mp4", "~/p.png", None).paths()[-1] == tmp_path / "p.png"
+    assert track.plot("~/p.png") == tmp_path / "p.png"
+
+
 def test_pandas_has_numbers_and_missing_values(track: Track) -> None:
     table = track.to_pandas()
     assert table["pose_Ry"].isna().tolist() == [False, False, True, False]

@@ -13,8 +13,8 @@ from pathlib import Path
 from mien.batch.options import OVERLAY_SUFFIX
 from mien.errors import require, warn
 from mien.files import real_path, reason_of
-from mien.output.destination import OVERLAY_ENDINGS
 from mien.output.summary import SUMMARY
+from mien.output.track_files import OVERLAY_ENDINGS
 from mien.video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, list_images
 
 _FACE = re.compile(r"(?<=.)\.face[0-9]+$")

@@ -19,7 +19,7 @@ import numpy as np
 from mien.arrays import Array
 from mien.candide.model import Candide, outward
 from mien.errors import MienError, require
-from mien.files import whole_file
+from mien.files import user_path, whole_file
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Wfm:
 
 def read_wfm(path: str | Path) -> Wfm:
     """Read a `.wfm` file. Raises MienError naming the file and the line that violates the format."""
-    lines = _Lines(Path(path))
+    lines = _Lines(user_path(path))
     rows = [lines.row("a vertex", float, float, float) for _ in range(lines.count("vertices"))]
     mean = np.array([values for values, _ in rows]).reshape(-1, 3)
     vertex_names = _vertex_names([comment for _, comment in rows])
@@ -91,7 +91,7 @@ def write_wfm(path: str | Path, wfm: Wfm) -> None:
         ["# GLOBAL MOTION:", *map(_numbers, (wfm.rotation, wfm.scale, wfm.translation)), "", "# END OF FILE"],
     ]
     text = "\n\n".join("\n".join(lines) for lines in lists) + "\n"
-    with whole_file(Path(path)) as file:
+    with whole_file(user_path(path)) as file:
         file.write_text(text, encoding="utf-8")
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from mien.arrays import Array
 from mien.csv_files import csv_rows, landmark_count, number_in
 from mien.errors import MienError, require
-from mien.files import json_text, whole_file
+from mien.files import json_text, user_path, whole_file
 from mien.graphics import Graphics
 from mien.initialization.landmarks import SCHEME_OF_COUNT, Landmarks
 from mien.video import warn_of_another_size
@@ -40,7 +40,7 @@ def read_landmarks(
     """
     is_path = isinstance(path, (str, Path))
     require(is_path, f"landmarks are {type(path)}; give mien.Landmarks or the name of a landmark file")
-    path = Path(path)
+    path = user_path(path)
     readers: dict[str, Callable[[Path, int, float], Landmarks]]
     readers = {".json": partial(_read_json, size=size), ".pts": _read_pts, ".csv": _read_csv}
     require(path.is_file(), f"{path}: no such file; check the name, or create one with mien landmarks VIDEO")
@@ -54,7 +54,7 @@ def read_landmarks(
 def write_landmarks(path: str | Path, landmarks: Landmarks, size: tuple[int, int] | None = None) -> None:
     """Write a `.json`, or a `.pts` if the scheme is ibug68. size: width and height of their frame, which a `.json`
     states. Raises MienError for any other file, and if it cannot be written."""
-    path = Path(path)
+    path = user_path(path)
     writers: dict[str, Callable[[Path, Landmarks], str]]
     writers = {".json": partial(_json_text, size=size), ".pts": _pts_text}
     require(path.suffix.lower() in writers, f"{path}: landmarks are written to {' or '.join(writers)}")

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from mien.errors import MienError, interruption, require, warn
-from mien.files import checksum, exists, real_path, require_ending, require_writable, size_of
+from mien.files import checksum, exists, real_path, require_ending, require_writable, size_of, user_path
 from mien.output.track import Track
 from mien.output.track_files import (
     ENDINGS,
     GLTF_ENDINGS,
+    OVERLAY_ENDINGS,
     PLOT_ENDINGS,
     is_table_of_track,
     paths_to_write,
@@ -24,8 +25,6 @@ from mien.output.track_files import (
     track_paths,
 )
 from mien.video import refuse_among_images
-
-OVERLAY_ENDINGS = (".mp4",)
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Destination:
         an input (the paths among `inputs`) nor another output. Raises MienError otherwise."""
         table = None if save is None else paths_to_write(save)[0]
         others = ((overlay, OVERLAY_ENDINGS), (plot, PLOT_ENDINGS), (gltf, GLTF_ENDINGS))
-        self = cls(table, *(None if path is None else require_ending(Path(path), of) for path, of in others))
+        self = cls(table, *(None if path is None else require_ending(user_path(path), of) for path, of in others))
         self.check(inputs)
         return self
 
@@ -135,7 +134,7 @@ def write_in_any_case(files: Destination, track: Track) -> None:
 def require_free(paths: Iterable[Path], inputs: Iterable[object]) -> None:
     """Raise MienError if a file cannot be written, or would overwrite one of the inputs (those that are paths), or
     another one."""
-    files = [Path(p) for p in inputs if isinstance(p, (str, Path))]
+    files = [user_path(p) for p in inputs if isinstance(p, (str, Path))]
     taken = {real_path(file) for file in files}
     for path in paths:
         require(

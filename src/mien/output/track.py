@@ -18,7 +18,7 @@ import pyarrow as pa
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS, with_eyes_closed
 from mien.errors import MienError, require, warn
-from mien.files import json_text, require_ending, whole_file
+from mien.files import json_text, require_ending, user_path, whole_file
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.output.columns import (
     ANIMATION_SD,
@@ -264,7 +264,7 @@ class Track:
 
         Raises MienError naming the file if it is missing or not a track.
         """
-        path = Path(path)
+        path = user_path(path)
         ending = path.suffix.lower()
         if ending not in ENDINGS:
             require(not path.is_file(), f"{path} is not a track; give its .csv or .parquet")
@@ -278,7 +278,7 @@ class Track:
         MienError for another suffix, and if it cannot be written."""
         from mien.output.plots import plot_track
 
-        picture = require_ending(Path(path), PLOT_ENDINGS)
+        picture = require_ending(user_path(path), PLOT_ENDINGS)
         plot_track(self, picture)
         return picture
 
@@ -293,7 +293,7 @@ class Track:
         """
         from mien.output.gltf import write_gltf
 
-        file = require_ending(Path(path), GLTF_ENDINGS)
+        file = require_ending(user_path(path), GLTF_ENDINGS)
         write_gltf(self, file)
         return file
 

@@ -17,13 +17,14 @@ import pyarrow as pa
 
 from mien.csv_files import number_in, opened_csv
 from mien.errors import MienError, require
-from mien.files import exists, json_text
+from mien.files import exists, json_text, user_path
 from mien.output.columns import column_type, import_pandas
 from mien.tracking.state import Status
 
 ENDINGS = (".csv", ".json", ".parquet")
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 GLTF_ENDINGS = (".glb",)
+OVERLAY_ENDINGS = (".mp4",)
 _IN_EVERY_ROW = {"frame", "timestamp", "confidence", "success", "status"}
 _ROW_GROUP = 4096
 """Number of rows of a Parquet file that are written, and read, at once, which bounds the memory."""
@@ -33,7 +34,7 @@ _NOT_READ = (pa.ArrowException, OSError, ValueError, CSVError)
 
 def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
     """The paths NAME.csv, NAME.json and NAME.parquet, given NAME or one of the three."""
-    path = Path(path)
+    path = user_path(path)
     name = path.name.removesuffix(path.suffix) if path.suffix.lower() in ENDINGS else path.name
     require(bool(name), f"{path} is not the name of a file; give one such as out.csv")
     csv, settings, parquet = (path.with_name(name + ending) for ending in ENDINGS)
@@ -43,8 +44,14 @@ def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
 def paths_to_write(path: str | Path) -> tuple[Path, Path, Path]:
     """`track_paths`, for writing. Raises MienError for a folder: the files would be beside it, and replaced by those of
     the next track that is written "to" it."""
-    folder = str(path).endswith(("/", os.sep)) or (Path(path).suffix.lower() not in ENDINGS and Path(path).is_dir())
+    named = user_path(path)
+    folder = str(path).endswith(("/", os.sep)) or (named.suffix.lower() not in ENDINGS and named.is_dir())
     require(not folder, f"{path} is a folder; give the name of a table, such as {Path(path, 'out.csv')}")
+    require(
+        named.suffix.lower() not in (*OVERLAY_ENDINGS, *PLOT_ENDINGS, *GLTF_ENDINGS),
+        f"{path}: the table is written here; choose a name such as {named.with_suffix('.csv').name}, and use the "
+        "options --overlay, --plot and --gltf (overlay, plot and gltf in Python) for pictures",
+    )
     return track_paths(path)
 
 

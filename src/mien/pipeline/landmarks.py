@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mien.candide.model import Candide
 from mien.errors import MienError, require
-from mien.files import real_path, require_ending
+from mien.files import real_path, require_ending, user_path
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame, fit_first_frame
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
@@ -42,11 +42,12 @@ def write_first_frame(
     """
     from mien.output.overlay import Mesh, draw_fit, save_png
 
-    output, picture = Path(output), Path(output).with_suffix(".png") if plot is None else Path(plot)
+    output = user_path(output)
+    picture = output.with_suffix(".png") if plot is None else user_path(plot)
     require_ending(picture, (".png",))
     require_ending(output, (".json",) if landmarks is None else (".json", ".pts"))
     require_free((output, picture), (video, camera))  # the landmarks themselves may be the output
-    is_given = isinstance(landmarks, (str, Path)) and real_path(Path(landmarks)) == real_path(output)
+    is_given = isinstance(landmarks, (str, Path)) and real_path(user_path(landmarks)) == real_path(output)
     _require_own(output, picture, is_given, is_named=plot is not None)
     with closing(Footage(open_video(video, fps), camera, focal_px, fov_deg, start)) as footage:
         begin = prepare(footage, landmarks, at_once, face)

@@ -16,7 +16,7 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.errors import MienError, require, warn
-from mien.files import checksum, size_of
+from mien.files import checksum, size_of, user_path
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
@@ -162,7 +162,7 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     that the file does not have is 0, 0. Raises MienError that names the file.
     """
     require(isinstance(path, (str, Path)), f"the camera is {type(path)}; give mien.Camera or the name of a JSON file")
-    path = Path(path)
+    path = user_path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8-sig"))
         stated = _size_stated(values)

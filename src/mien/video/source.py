@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from mien.errors import MienError, require
+from mien.files import user_path
 from mien.frame import Frame
 from mien.video.file import open_file
 from mien.video.folder import ImageFolder, open_folder
@@ -90,7 +91,7 @@ def _opened(source: Source, fps: float | None) -> Video:
         f"a video is a file, a folder, a number or an iterable of mien.Frame, not {type(source)}",
     )
     require(str(source) != "", "the name of the video is empty; give a file, a folder of images or a camera's number")
-    path = Path(str(source))
+    path = user_path(str(source))
     if number or (str(source).isdecimal() and not path.exists()):
         return CameraDevice(int(str(source)))
     require(

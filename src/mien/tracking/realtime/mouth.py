@@ -4,6 +4,7 @@ its motion has led it astray."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,21 @@ _OPEN = 0.25
 """Value of jaw_drop, more than at rest, from which on a mouth is open."""
 _OTHER_JAW = 0.175
 """Difference of jaw_drop from which on a mouth is open to another degree."""
+
+
+class _Likeness(NamedTuple):
+    """How much some skin looks as in the first frame, as correlations (k,), at values (k,) of the unit that moves it;
+    and the energy that skin exactly as there is worth."""
+
+    unit: int
+    values: Array
+    likeness: Array
+    energy: float
+
+    def is_found(self, least: float) -> bool:
+        """Whether it is at least that much alike at one of the values, and less so on either side of it."""
+        most = int(self.likeness.argmax())
+        return bool(self.likeness[most] >= least) and 0 < most < len(self.values) - 1
 
 
 class MouthSearch:
@@ -56,37 +72,38 @@ class MouthSearch:
     def with_skin(self, view: View, predicted: Prediction) -> Prediction:
         """A prediction, and where the skin above the upper lip and around the corners of the mouth is seen. Lips that
         bare the teeth look strange wherever they are, and what was measured of their motion is drawn back to rest."""
-        s, person, rest = self.settings, self.person.arrays, self.prior.rest
+        s, rest = self.settings, self.prior.rest
+        crop = view.image, self.person.arrays, predicted.pose.arrays, view.geometry
         lips = rest[UPPER_LIP.unit] + _LIPS
-        likeness = self.upper_lip.likeness(view.image, person, predicted.pose.arrays, view.geometry, lips)
-        predicted = self._seen(predicted, UPPER_LIP.unit, lips, likeness, s.skin_energy)
-        likeness = self.corners.likeness(view.image, person, predicted.pose.arrays, view.geometry)
+        skins = [_Likeness(UPPER_LIP.unit, lips, self.upper_lip.likeness(*crop, lips), s.skin_energy)]
+        likeness = self.corners.likeness(*crop)
         row = int(likeness.argmax()) // likeness.shape[1]  # how far down they are does not say how far out
-        if row in (0, len(likeness) - 1) or not self.widening:
-            return predicted
-        unit = CORNERS[0].unit
-        stretched = rest[unit] + self.corners.shifts / self.widening
-        return self._seen(predicted, unit, stretched, likeness[row], s.corner_energy)
+        if 0 < row < len(likeness) - 1 and self.widening:
+            unit = CORNERS[0].unit
+            stretched = rest[unit] + self.corners.shifts / self.widening
+            skins.append(_Likeness(unit, stretched, likeness[row], s.corner_energy))
+        found = [skin for skin in skins if skin.is_found(s.skin_least)]
+        return self._moved(predicted, found) if found else predicted
 
-    def _seen(self, predicted: Prediction, unit: int, values: Array, likeness: Array, energy: float) -> Prediction:
-        """A prediction, and that the likeness (k,) of some skin with that of the first frame is greatest at some of the
-        values (k,) of a unit. How certain that is follows from how sharply the likeness falls beside it; the further a
-        head turns, the more the skin looks otherwise by that. energy: that skin exactly as in the first frame is
-        worth."""
-        s, pose, k = self.settings, predicted.pose, int(np.argmax(likeness))
-        if likeness[k] < s.skin_least or k in (0, len(values) - 1):
-            return predicted
-        before, most, behind = likeness[k - 1 : k + 2].tolist()
-        step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
-        seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
+    def _moved(self, predicted: Prediction, skins: list[_Likeness]) -> Prediction:
+        """A prediction, and that some skin is most like that of the first frame at some value of its unit. How certain
+        that is follows from how sharply the likeness falls beside it; the further a head turns, the more the skin looks
+        otherwise by that."""
+        s, pose = self.settings, predicted.pose
         trust = 1 / (1 + self.prior.turned(pose, s.skin_turn_deg))
-        if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.skin_gain:
-            pose = pose.with_unit(unit, seen)  # what was predicted is not there
-        certain = trust * energy * bend / step**2
         information, gradient = predicted.information.copy(), np.zeros(12)
-        information[6 + unit, 6 + unit] += certain
-        gradient[6 + unit] = certain * (seen - float(pose.animation[unit]))
-        return replace(predicted, pose=pose.moved(solve_definite(information, gradient)), information=information)
+        for unit, values, likeness, energy in skins:
+            k = int(likeness.argmax())
+            before, most, behind = likeness[k - 1 : k + 2].tolist()
+            step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
+            seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
+            if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.skin_gain:
+                pose = pose.with_unit(unit, seen)  # what was predicted is not there
+            certain = trust * energy * bend / step**2
+            information[6 + unit, 6 + unit] += certain
+            gradient[6 + unit] = certain * (seen - float(pose.animation[unit]))
+        pose = pose.moved(solve_definite(information, gradient))
+        return replace(predicted, pose=pose, information=information)
 
     def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
