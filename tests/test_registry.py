@@ -46,7 +46,7 @@ def test_settings_that_differ_come_from_a_file(tmp_path: Path) -> None:
 
 
 def test_a_track_is_made_again_with_the_settings_that_it_has_written(tmp_path: Path) -> None:
-    video, known = write_video(tmp_path / "face.mp4", portrait_images(), fps=25), face().landmarks
+    video, known = write_video(tmp_path / "face.mkv", portrait_images(), fps=25), face().landmarks
     own = _written(tmp_path / "own.json", {"views": {"per_angle": 5}})
     first = mien.track(video, preset=f"realtime:{own}", landmarks=known, save=tmp_path / "first.csv")
     again = mien.track(video, preset=f"realtime:{tmp_path / 'first.json'}", landmarks=known)
