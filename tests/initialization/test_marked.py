@@ -55,6 +55,15 @@ def test_marks_of_another_face_are_not_completed() -> None:
         assert completed(face().frame, wrong, face().camera) is wrong
 
 
+@pytest.mark.parametrize(("scale", "right"), [(1.25, 0.0), (0.8, 0.0), (1.0, 0.2)])
+def test_marks_of_another_frame_or_size_of_image_are_not_completed(scale: float, right: float) -> None:
+    """The face that is detected fits them when it is moved, but it is not there."""
+    marks = _marks()
+    wrong = replace(marks, points=scale * marks.points + [right * marks.size, 0.0])
+    with pytest.warns(MienWarning, match="no face is detected where it was marked.*this frame at its size"):
+        assert completed(face().frame, wrong, face().camera) is wrong
+
+
 def test_a_track_from_marks_reports_them_and_is_repeated_from_its_json(tmp_path: Path) -> None:
     frames, marks = small_motion().frames, _marks(noise=0.5)
     write_landmarks(tmp_path / "marks.json", marks)

@@ -2,7 +2,8 @@
 
 Marked points have no depths, and are too few for a surface. Where a detector finds the same face, its points and their
 depths are moved onto the marks as a whole, and the face is learned from them; its landmarks stay where they were
-marked. Moved one by one, they would bend the face wherever annotators and detectors mark differently.
+marked. Moved one by one, they would bend the face wherever annotators and detectors mark differently. A face that would
+have to be moved far was marked in another frame, or at another size of the image.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mien.arrays import Array
 from mien.errors import warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
@@ -20,6 +22,8 @@ from mien.initialization.straight import straightened
 _ALIKE = 0.06
 """Root mean square distance of a detected face from the marks, in sizes of the face, up to which it is the same face:
 0.015 to 0.02 on rendered heads with exact marks."""
+_THERE = 0.1
+"""The same before it is moved, up to which it lies where it was marked: 0.021 to 0.024 on those heads."""
 
 
 def completed(frame: Frame, marks: Landmarks, camera: Camera) -> Landmarks:
@@ -36,20 +40,22 @@ def completed(frame: Frame, marks: Landmarks, camera: Camera) -> Landmarks:
             return moved
     warn(
         f"{marks.source}: no face is detected where it was marked, so that its depths are not known, and turns are "
-        "less certain, as the standard deviations say; check the points"
+        "less certain, as the standard deviations say; check the points, and that they belong to this frame at its size"
     )
     return marks
 
 
 def _moved_onto(marks: Landmarks, face: Landmarks) -> Landmarks | None:
-    """A detected face moved onto marks; None if it is another one."""
+    """A detected face moved onto marks; None if it is another one, or elsewhere."""
     assert face.depths is not None, "a detected face has depths"
     marked, found = marks.reported(), face.reported()
     names = [name for name in marked if name in found]
     to, at = (np.array([points[name] for name in names]) for points in (marked, found))
+    if _distance(at, to) > _THERE * marks.size:
+        return None
     at = np.column_stack([at, np.ones(len(at))])
     affine = np.linalg.lstsq(at, to, rcond=None)[0]
-    if np.sqrt(((at @ affine - to) ** 2).sum(axis=1).mean()) > _ALIKE * marks.size:
+    if _distance(at @ affine, to) > _ALIKE * marks.size:
         return None
     return replace(
         marks,
@@ -58,3 +64,8 @@ def _moved_onto(marks: Landmarks, face: Landmarks) -> Landmarks | None:
         depths=face.depths * np.sqrt(abs(np.linalg.det(affine[:2]))),
         marked=marked,
     )
+
+
+def _distance(points: Array, others: Array) -> float:
+    """Root mean square distance of points (n, 2) from as many others."""
+    return float(np.sqrt(((points - others) ** 2).sum(axis=1).mean()))
