@@ -149,3 +149,20 @@ def test_small_faces_are_refused() -> None:
     _spread(size=41).check(320, 240)
     with pytest.raises(MienError, match="measures 39"):
         _spread(size=39).check(320, 240)
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_points_on_one_line_are_refused(row: int) -> None:
+    """As where a column of a table is empty: a line of a face in full profile is not one."""
+    points = _spread().points.copy()
+    points[:, row] = 60
+    with pytest.raises(MienError, match=r"face\.json: the landmarks lie on one line"):
+        replace(_spread(), points=points).check(320, 240)
+    points[:, row] += 0.1 * (_spread().points[:, row] - 60)
+    replace(_spread(), points=points).check(320, 240)
+
+
+def test_a_landmark_that_is_marked_outside_the_image_is_named() -> None:
+    replace(_spread(), marked={"nose_tip": [330, 100]}).check(320, 240)
+    with pytest.raises(MienError, match=r"face\.json: `marked` has nose_tip at 1000, 100, outside the image"):
+        replace(_spread(), marked={"nose_tip": [1000, 100]}).check(320, 240)

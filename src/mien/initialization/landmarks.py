@@ -147,6 +147,9 @@ _MOST_BEYOND = 0.25
 """Largest distance of a point that is used beyond the border of the image, over the size of the face."""
 _DEEPEST = 4.0
 """Largest range of the depths, over the size of the face."""
+_LEAST_WIDTH = 0.01
+"""Width of the points that are used, over their length, up to which they lie on one line; 0.2 and more even of a face
+in full profile."""
 _TRIANGLE = ("right_eye_outer_corner", "left_eye_outer_corner", "lower_lip_outer")
 _LEAST_MIRRORED = 0.3
 """Landmarks are mirrored if the eyes are reversed by more than this, over their height above the mouth; below it, they
@@ -252,8 +255,8 @@ class Landmarks:
         return self.are_inside(width, height) and self.size >= MINIMUM_FACE_PX and not self._mirrored()
 
     def check(self, width: int, height: int) -> None:
-        """Raise MienError for points outside the image, mirrored landmarks, faces too small to track, and depths that
-        are not in pixels."""
+        """Raise MienError for points outside the image, also marked ones, mirrored landmarks, faces too small to track,
+        points on one line, and depths that are not in pixels."""
         farthest = self.point_names[int(self._beyond(width, height).argmax())]
         require(
             self.are_inside(width, height),
@@ -271,6 +274,10 @@ class Landmarks:
             f"{self.source}: the face measures {size:.1f} pixels and tracking needs {MINIMUM_FACE_PX:.0f}; "
             "enlarge or crop the video",
         )
+        require(
+            not self._in_a_line(),
+            f"{self.source}: the landmarks lie on one line; check that each has its own x and y",
+        )
         of = self.graphics and (self.graphics.width, self.graphics.height)
         require(
             of in (None, (width, height)),
@@ -282,6 +289,24 @@ class Landmarks:
             f"{self.source}: the depths span {depths:.0f} pixels and the face measures {size:.0f}; give depths in "
             "pixels of the image, or none",
         )
+        self._check_marked(width, height)
+
+    def _check_marked(self, width: int, height: int) -> None:
+        """Raise MienError for a landmark that is marked outside the image."""
+        most = _MOST_BEYOND * self.size
+        for name, (x, y) in (self.marked or {}).items():
+            inside = -most <= x <= width - 1 + most and -most <= y <= height - 1 + most
+            require(
+                inside,
+                f"{self.source}: `marked` has {name} at {x:g}, {y:g}, outside the image of {width}x{height} pixels; "
+                "correct or remove it",
+            )
+
+    def _in_a_line(self) -> bool:
+        """Whether the points that are used have no width across the direction in which they are spread most."""
+        _, points, _ = self.correspondences()
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        return bool(spread[1] <= _LEAST_WIDTH * spread[0])
 
     def _mirrored(self) -> bool:
         """Whether the triangle of right eye, left eye and mouth has the wrong orientation for a face."""
