@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from mien.arrays import Array
+from mien.candide.model import Candide
 from mien.frame import Frame
 from mien.geometry.rotation import matrix_from_euler
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
@@ -136,6 +138,22 @@ def test_teeth_do_not_hide_a_grin() -> None:
         tracker.track(_with_mouth(grin, landmarks, TEETH, 4))
     stretched = tracker.pose.animation[STRETCHER] - tracker.first_animation[STRETCHER]
     assert stretched == pytest.approx(STRETCHED, abs=0.2)
+
+
+@pytest.mark.parametrize("factor", [0.01, -1.0])
+def test_the_skin_says_nothing_of_a_unit_that_does_not_move_the_corners_outwards(factor: float) -> None:
+    """A face model of one's own may have another lip_stretcher: what the skin shows would be a hundred of it."""
+    model = Candide.default()
+    units = model.animation_units.copy()
+    units[model.animation_unit_names.index("lip_stretcher")] *= factor
+    tracker = RealtimeTracker(model=replace(model, animation_units=units))
+    first, landmarks = still().frames[0], Landmarks(still().landmarks[0], "candide26")
+    tracker.initialize(first, landmarks, face().camera)
+    grin = _stretched(begun(first), still().frames[1], still().landmarks[1], STRETCHED)
+    view = tracker.solver.view(tracker.face.fine, grin, tracker.pose)
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    found = tracker.mouth.with_skin(view, predicted)
+    assert found.pose.animation[STRETCHER] == pytest.approx(predicted.pose.animation[STRETCHER], abs=0.01)
 
 
 @pytest.mark.parametrize("roll_deg", [-25.0, 90.0])

@@ -23,6 +23,9 @@ _JAWS = np.linspace(-0.3, 1.5, 13)
 """Values of jaw_drop at which the chin is looked for."""
 _LIPS = np.linspace(-1.5, 1.5, 21)
 """Values of upper_lip_raiser, from that at rest, at which the skin above the upper lip is looked for."""
+_LEAST_WIDENING = 0.02
+"""CANDIDE units by which lip_stretcher moves the corners of the mouth outwards, 0.09 in CANDIDE-3, below which that of
+another face model is not looked for there."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
 _OPEN = 0.25
@@ -66,7 +69,8 @@ class MouthSearch:
         face, crop = person.face, (view.image, person.arrays, first.arrays, view.geometry)
         self.chin, self.upper_lip = Skin(CHIN, face.chin, *crop), Skin(UPPER_LIP, face.upper_lip, *crop)
         self.corners = Corners(face.corners, *crop)
-        self.widening = float(np.mean([abs(person.units[side.unit, side.carrier, 0]) for side in CORNERS]))
+        outwards = [np.sign(side.offsets[-1, 0]) * person.units[side.unit, side.carrier, 0] for side in CORNERS]
+        self.widening = float(np.mean(outwards))
         self.strange_frames, self.is_open = 0, False
 
     def with_skin(self, view: View, predicted: Prediction) -> Prediction:
@@ -78,7 +82,7 @@ class MouthSearch:
         skins = [_Likeness(UPPER_LIP.unit, lips, self.upper_lip.likeness(*crop, lips), s.skin_energy)]
         likeness = self.corners.likeness(*crop)
         row = int(likeness.argmax()) // likeness.shape[1]  # how far down they are does not say how far out
-        if 0 < row < len(likeness) - 1 and self.widening:
+        if 0 < row < len(likeness) - 1 and self.widening >= _LEAST_WIDENING:
             unit = CORNERS[0].unit
             stretched = rest[unit] + self.corners.shifts / self.widening
             skins.append(_Likeness(unit, stretched, likeness[row], s.corner_energy))
