@@ -32,9 +32,9 @@ def test_a_video_keeps_times_colours_and_an_even_size(tmp_path: Path) -> None:
     assert np.abs(frames[2].to_ndarray(format="rgb24").astype(int) - colour).max() < 12
 
 
-def test_a_gap_that_the_format_cannot_hold_is_shown_as_a_second(tmp_path: Path) -> None:
+def test_a_gap_that_players_may_not_show_is_shown_as_a_second(tmp_path: Path) -> None:
     """As where the clock of a computer is set, or a transport stream begins anew."""
-    times = [0.0, 0.04, 1.7e9, 1.7e9 + 0.04, 1.7e9 + 20_000]
+    times = [0.0, 0.04, 1.7e9, 1.7e9 + 0.04, 1.7e9 + 480]
     with pytest.warns(MienWarning) as warned, OverlayWriter(tmp_path / "overlay.mp4") as writer:  # noqa: PT031
         for time in times:
             writer.write(np.zeros((90, 120, 3), np.uint8), time)
@@ -42,7 +42,7 @@ def test_a_gap_that_the_format_cannot_hold_is_shown_as_a_second(tmp_path: Path) 
     assert "overlay.mp4: 1700000000 s lie between two frames" in message
     with av.open(str(tmp_path / "overlay.mp4")) as container:
         shown = [frame.time for frame in container.decode(video=0)]
-    np.testing.assert_allclose(shown, [0, 0.04, 1.04, 1.08, 20_001.04], atol=1e-4)
+    np.testing.assert_allclose(shown, [0, 0.04, 1.04, 1.08, 481.04], atol=1e-4)
 
 
 @pytest.mark.parametrize("size", [(120, 16386), (32770, 200)])

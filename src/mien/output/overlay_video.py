@@ -19,8 +19,9 @@ from mien.files import create_temporary, move_into_place, named_errors, reason_o
 _LARGEST_SIDE = 16384
 """Width and height, in pixels, beyond which the encoder takes no image: larger ones are scaled down."""
 TIME_BASE = Fraction(1, 90_000)
-_LONGEST = round(6 * 3600 / TIME_BASE)
-"""Ticks from one frame to the next that an MP4, which has 31 bits for them, is sure to hold."""
+_LONGEST = 2**28 // 6
+"""Ticks from one frame to the next that every player shows, eight minutes. Before FFmpeg 8 it forgets the order of all
+frames where one is displayed more than 2^28 ticks after it is decoded, which can be five frames earlier."""
 _COMMENT = "overlay by mien"
 
 
@@ -30,7 +31,7 @@ class OverlayWriter:
     with OverlayWriter(path) as writer:
         writer.write(pixels, time)
     The first image sets the size; odd sizes lose their last row or column, as the format needs even ones, and what is
-    larger than the encoder allows is scaled down. A gap that the format cannot hold is shown as one second, with a
+    larger than the encoder allows is scaled down. A gap that players may not show is shown as one second, with a
     warning.
     """
 
@@ -82,8 +83,8 @@ class OverlayWriter:
             return ticks
         second = round(1 / TIME_BASE)
         warn(
-            f"{self.path}: {float(gap * TIME_BASE):.0f} s lie between two frames, up to {time:.2f} s, more than an MP4 "
-            "can hold; they are shown as one second"
+            f"{self.path}: {float(gap * TIME_BASE):.0f} s lie between two frames, up to {time:.2f} s, more than "
+            "players are sure to show; they are shown as one second"
         )
         self._begins = begins + float((gap - second) * TIME_BASE)
         return self._last_pts + second
