@@ -313,8 +313,8 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
         (BatchOptions(start=2, end=1), "must come before the end"),
         (BatchOptions(faces=0), "0 faces to track"),
         (BatchOptions(passes=3), "passes is 3; give 1 or 2"),
-        (BatchOptions(passes=2, preset="mediapipe"), "mediapipe learns nothing that a second pass could use"),
-        (BatchOptions(gltf=True, preset="mediapipe"), "mediapipe fits no face model and has no head for --gltf; omit"),
+        (BatchOptions(passes=2, preset="morency-2008"), "morency-2008 learns nothing that a second pass could use"),
+        (BatchOptions(gltf=True, preset="morency-2008"), "morency-2008 fits no face model and has no head for --gltf"),
     ):
         with pytest.raises(MienError, match=message):
             track_all([videos], tmp_path / "out", options)
