@@ -214,10 +214,10 @@ def test_what_may_be_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         return run_commands(commands, jobs, limit)
 
     monkeypatch.setattr(benchmark, "run_commands", run)
-    plan = _plan(tmp_path, STILL, "saragih-2011")
+    plan = _plan(tmp_path, STILL, "lefevre-2009")
     run_plan(replace(plan, timed=1), forked=True)
-    assert asked[:3] == [("first frame", True), (STILL, False), ("saragih-2011", True)]
-    assert asked[3:] == [(f"timing {STILL}", False), ("timing saragih-2011", False)]
+    assert asked[:3] == [("first frame", True), (STILL, False), ("lefevre-2009", True)]
+    assert asked[3:] == [(f"timing {STILL}", False), ("timing lefevre-2009", False)]
 
 
 def test_settings_of_a_file_are_a_tracker_of_their_own(tmp_path: Path) -> None:
