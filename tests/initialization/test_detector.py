@@ -21,6 +21,7 @@ from mien.geometry.camera import Camera
 from mien.initialization import detector
 from mien.initialization.landmarks import Place, place_of
 from mien.initialization.mediapipe_mesh import silenced
+from mien.initialization.upright import Upright
 from mien.start.search import Patience
 from small_motion import face, small_motion, turned_portrait
 
@@ -113,6 +114,18 @@ def test_a_face_that_stands_on_its_head_is_not_taken_for_an_upright_one(deg: flo
     (found,) = detector.detect(Frame(picture))
     apart = np.linalg.norm(known.points @ A[:, :2].T + A[:, 2] - found.points, axis=1)
     assert apart.mean() < 0.02 * np.ptp(known.points, axis=0).max()
+
+
+@pytest.mark.parametrize("quarters", [1, 3])
+def test_a_face_that_lies_on_its_side_is_found_as_well_as_an_upright_one(quarters: int) -> None:
+    (upright,), pixels = detector.detect(small_motion().frames[0]), small_motion().frames[0].pixels
+    lying = Upright(Frame(np.ascontiguousarray(np.rot90(pixels, -quarters))), quarters)
+    (found,) = detector.detect(lying.seen)
+    apart = np.linalg.norm(lying.points_upright(found.points) - upright.points, axis=1)
+    assert apart.mean() < 0.0015 * upright.size
+    assert found.disagreement is not None
+    assert upright.disagreement is not None
+    assert found.disagreement < 1.3 * upright.disagreement
 
 
 def test_what_is_dark_is_not_made_black() -> None:
@@ -291,6 +304,7 @@ def test_a_face_is_upside_down_only_if_it_is_seen_far_better_so(
         return turned if turn_deg else None if upright is None else (FACE, upright)
 
     monkeypatch.setattr(detector, "_consensus", consensus)
+    monkeypatch.setattr(detector, "roll_of", lambda face: 0.0)
     averaged = detector._average(Frame(np.zeros((240, 240, 3), np.uint8)), FACE)
     assert (averaged is None) == (found is None)
     if averaged is not None:

@@ -25,6 +25,7 @@ from mien.frame import Frame
 from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Place, Point, place_of
 from mien.initialization.mediapipe_mesh import MediaPipeMesh
 from mien.initialization.opencv_mesh import OpenCVMesh, crop_matrix, uncrop
+from mien.initialization.upright import quarters_of, roll_of
 
 _COPIES = (
     (0.0, 1.0, 1.0), (-8.0, 0.95, 1.6), (8.0, 0.95, 1.6), (-4.0, 1.1, 2.0), (4.0, 1.1, 2.0), (0.0, 0.85, 1.6)
@@ -133,15 +134,16 @@ def _average(frame: Frame, face: Array) -> tuple[Array, float] | None:
     """Mean points (n, 3) of a face over rotated and scaled copies of the image around it, and how far these disagree,
     see `_consensus`; None if less than half of the copies show it, or if it may be upright or upside down.
 
-    In a face upside down the network sees an upright one, at a different place in each copy: if the copies disagree,
-    they are rotated by 180 degrees as well, and taken so if they then agree far better. In a face that the border cuts
-    below the nose, they disagree either way.
+    The copies of a face that lies on its side are turned upright, as the network knows faces. In a face upside down it
+    sees an upright one, at a different place in each copy: if the copies disagree, they are rotated by 180 degrees as
+    well, and taken so if they then agree far better. In a face that the border cuts below the nose, they disagree
+    either way.
     """
-    place = place_of(face)
-    upright = _consensus(frame, place)
+    place, upright_deg = place_of(face), 90.0 * quarters_of(roll_of(landmarks_of(frame, face)))
+    upright = _consensus(frame, place, upright_deg)
     if upright is not None and upright[1] <= _AGREEMENT:
         return upright
-    turned = _consensus(frame, place, turn_deg=180.0)
+    turned = _consensus(frame, place, upright_deg + 180.0)
     if turned is None or (upright is not None and upright[1] <= turned[1]):
         return upright
     if upright is None:
