@@ -493,7 +493,9 @@ def _faces(count: int) -> list[Landmarks]:
 
 def test_no_face(refused: Callable[..., None], video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _detects(monkeypatch, [])
-    refused(["track", video], "in.mkv: no face was found in its 6 frames from 0.00 s to 0.20 s", "--landmarks")
+    refused(
+        ["track", video], "in.mkv: no face was found in its 6 frames from 0.00 s to 0.20 s", "--landmarks", "it upright"
+    )
     refused(["landmarks", video], "in.mkv: no face", "--landmarks")
 
 
@@ -573,7 +575,7 @@ def test_no_face_and_two_faces_with_the_real_detector(
     both = [Track.read(tmp_path / name).table for name in ("both.csv", "both.face1.csv")]
     assert [table.column("x_0")[0].as_py() < 320 for table in both] == [True, False]
     assert [table.column("face_id").to_pylist() for table in both] == [[0, 0], [1, 1]]
-    refused(["track", gray, "--faces", 2], "gray.mkv: no face was found in it")
+    refused(["track", gray, "--faces", 2], "gray.mkv: no face was found in it", "turn it upright")
     refused(["track", 0, "--faces", 2], "camera 0 can be read only once; several faces need a file")
 
 

@@ -71,7 +71,7 @@ def track_faces(
     require(footage.repeatable, f"{name} can be read only once; several faces need a file or a list of frames")
     with closing(footage):
         detections = list(detections_in(footage))
-        require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video")
+        require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video, or turn it upright")
         together = max(map(len, detections))
         if together > faces:
             warn(f"{name}: {together} faces are seen at the same time; --faces {together} tracks all of them")

@@ -103,7 +103,7 @@ def _no_face(times: Sequence[float], at: Point | None, waiting: bool, repeatable
     searched = f"{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s"
     if waiting:
         return f"no face looks into the camera{searched}; at_once learns one as it is"
-    recorded = "annotate one and pass --landmarks, or enlarge or brighten the video"
+    recorded = "annotate one and pass --landmarks, or enlarge or brighten the video, or turn it upright"
     return f"no face was found{searched}; {recorded if repeatable else 'bring it nearer, or into more light'}"
 
 
