@@ -208,7 +208,8 @@ def require_inside(face: Point, frame: Frame) -> None:
     """Raise MienError for a point that lies outside the image of a frame."""
     x, y = face
     inside = 0 <= x < frame.width and 0 <= y < frame.height
-    require(inside, f"the face at {x:g}, {y:g} lies outside the image of {frame.width}x{frame.height} pixels")
+    size = f"{frame.width}x{frame.height} pixels"
+    require(inside, f"the face at {x:g}, {y:g} lies outside the image of {size}; give a point on it, in pixels")
 
 
 def _frame_of(
