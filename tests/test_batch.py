@@ -314,7 +314,10 @@ def test_what_cannot_be_begun(videos: Path, tmp_path: Path) -> None:
         (BatchOptions(faces=0), "0 faces to track"),
         (BatchOptions(passes=3), "passes is 3; give 1 or 2"),
         (BatchOptions(passes=2, preset="morency-2008"), "morency-2008 learns nothing that a second pass could use"),
-        (BatchOptions(gltf=True, preset="morency-2008"), "morency-2008 fits no face model and has no head for --gltf"),
+        (
+            BatchOptions(gltf=True, preset="morency-2008"),
+            "morency-2008 fits no face model and has no head for --gltf; omit",
+        ),
     ):
         with pytest.raises(MienError, match=message):
             track_all([videos], tmp_path / "out", options)

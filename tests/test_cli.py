@@ -197,6 +197,17 @@ def test_missing_folders_are_made(mien: Command, video: Path, marks: Path, tmp_p
     assert names(tmp_path / "a" / "b") == TABLES
 
 
+def test_the_home_folder_may_be_named_within_an_option(
+    mien: Command, video: Path, marks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where shells leave it as it is; alone, as the value of an option, they have replaced it."""
+    for variable in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(variable, str(tmp_path / "home"))
+    assert mien("landmarks", video, "--output=~/a/", "--landmarks", marks).status == 0
+    assert names(tmp_path / "home" / "a") == {"in.landmarks.json", "in.landmarks.png"}
+    assert names(tmp_path) == {video.name, marks.name, "home"}
+
+
 def test_a_folder_is_named_by_the_slash_at_its_end(mien: Command, video: Path, marks: Path, tmp_path: Path) -> None:
     assert mien("track", video, "-o", "a/b/", "--landmarks", marks, "--end", "0.1").status == 0
     assert names(tmp_path / "a" / "b") == {"in.csv", "in.json", "in.parquet"}

@@ -38,6 +38,9 @@ BAD_INPUT, INTERRUPTED = 2, 130
 class _Group(TyperGroup):
     """The command group, and the one place where errors become a sentence and an exit status."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, [_expanded(argument) for argument in args])
+
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
@@ -54,6 +57,12 @@ class _Group(TyperGroup):
                 raise
             print_error("mien: interrupted")
             raise typer.Exit(INTERRUPTED) from error
+
+
+def _expanded(argument: str) -> str:
+    """An argument `--name=~/file` with the home folder in place of `~`, which shells leave as it is within a word."""
+    name, _, value = argument.partition("=")
+    return f"{name}={os.path.expanduser(value)}" if name.startswith("--") and value.startswith("~") else argument
 
 
 def _refused(error: OSError) -> str:

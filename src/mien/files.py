@@ -97,7 +97,7 @@ def json_text(values: Mapping[str, Any]) -> str:
 
 
 def user_path(path: str | Path) -> Path:
-    """The path of a file that a user names, with `~` as in a shell, which leaves it as it is within an option."""
+    """The path of a file that a user names, with `~` for the home folder, as in a shell."""
     return Path(os.path.expanduser(path))
 
 

@@ -20,7 +20,7 @@ from mien.pipeline.track import Progress, check_faces, check_mesh, check_passes,
 from mien.registry import DEFAULT_PRESET, create_tracker, file_of
 from mien.start.first_frame import Start, prepare
 from mien.start.footage import Footage
-from mien.start.search import DETECTION_INTERVAL
+from mien.start.search import DETECTION_INTERVAL, EASIER_TO_FIND
 from mien.threads import one_blas_thread
 from mien.tracking.state import Estimate
 from mien.video import Source, open_video
@@ -71,7 +71,7 @@ def track_faces(
     require(footage.repeatable, f"{name} can be read only once; several faces need a file or a list of frames")
     with closing(footage):
         detections = list(detections_in(footage))
-        require(any(detections), f"{name}: no face was found in it; enlarge or brighten the video, or turn it upright")
+        require(any(detections), f"{name}: no face was found in it; {EASIER_TO_FIND}")
         together = max(map(len, detections))
         if together > faces:
             warn(f"{name}: {together} faces are seen at the same time; --faces {together} tracks all of them")

@@ -237,8 +237,7 @@ class Landmarks:
 
     def _beyond(self, width: int, height: int) -> Array:
         """How far the points (m,) that are used lie beyond the border of an image, in pixels; negative inside."""
-        _, points, _ = self.correspondences()
-        return np.asarray(np.maximum(-points, points - [width - 1, height - 1]).max(axis=1))
+        return _beyond(self.correspondences()[1], width, height)
 
     def are_inside(self, width: int, height: int) -> bool:
         """Whether the face lies inside an image, or beyond its border by no more than a quarter of the face's size."""
@@ -293,11 +292,10 @@ class Landmarks:
 
     def _check_marked(self, width: int, height: int) -> None:
         """Raise MienError for a landmark that is marked outside the image."""
-        most = _MOST_BEYOND * self.size
-        for name, (x, y) in (self.marked or {}).items():
-            inside = -most <= x <= width - 1 + most and -most <= y <= height - 1 + most
+        for name, point in (self.marked or {}).items():
+            x, y = point
             require(
-                inside,
+                _beyond(np.array([point]), width, height)[0] <= _MOST_BEYOND * self.size,
                 f"{self.source}: `marked` has {name} at {x:g}, {y:g}, outside the image of {width}x{height} pixels; "
                 "correct or remove it",
             )
@@ -326,6 +324,11 @@ class Landmarks:
             "graphics": None if self.graphics is None else self.graphics.to_dict(),
             "marked": self.marked and {name: np.round(point, 3).tolist() for name, point in self.marked.items()},
         }
+
+
+def _beyond(points: Array, width: int, height: int) -> Array:
+    """How far points (m, 2) lie beyond the border of an image, in pixels; negative inside."""
+    return np.asarray(np.maximum(-points, points - [width - 1, height - 1]).max(axis=1))
 
 
 def place_of(points: Array) -> Place:

@@ -42,8 +42,8 @@ def track_paths(path: str | Path) -> tuple[Path, Path, Path]:
 
 
 def paths_to_write(path: str | Path) -> tuple[Path, Path, Path]:
-    """`track_paths`, for writing. Raises MienError for a folder: the files would be beside it, and replaced by those of
-    the next track that is written "to" it."""
+    """`track_paths`, for writing. Raises MienError for the name of a picture or video, and for a folder: the files
+    would be beside it, and replaced by those of the next track that is written "to" it."""
     named = user_path(path)
     folder = str(path).endswith(("/", os.sep)) or (named.suffix.lower() not in ENDINGS and named.is_dir())
     require(not folder, f"{path} is a folder; give the name of a table, such as {Path(path, 'out.csv')}")

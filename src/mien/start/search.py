@@ -43,6 +43,8 @@ _GONE_SECONDS = 1.0
 """How long a live camera's face may not be detected before the wait for it begins anew."""
 _PATIENCE = 3.0
 """Seconds that a live camera waits for a face to look into it with open eyes."""
+EASIER_TO_FIND = "enlarge or brighten the video, or turn it upright"
+"""What may help where no face is found."""
 _SHUT = 0.15
 """Height of the eyes over their width below which they are shut: on recordings of 12 people mostly 0.2 to 0.4, and 0.03
 to 0.1 in blinks."""
@@ -103,7 +105,7 @@ def _no_face(times: Sequence[float], at: Point | None, waiting: bool, repeatable
     searched = f"{place} in its {len(times)} frames from {times[0]:.2f} s to {times[-1]:.2f} s"
     if waiting:
         return f"no face looks into the camera{searched}; at_once learns one as it is"
-    recorded = "annotate one and pass --landmarks, or enlarge or brighten the video, or turn it upright"
+    recorded = f"annotate one and pass --landmarks, or {EASIER_TO_FIND}"
     return f"no face was found{searched}; {recorded if repeatable else 'bring it nearer, or into more light'}"
 
 
