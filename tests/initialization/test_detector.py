@@ -128,6 +128,40 @@ def test_a_face_that_lies_on_its_side_is_found_as_well_as_an_upright_one(quarter
     assert found.disagreement < 1.3 * upright.disagreement
 
 
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_turned_face_is_followed_as_an_upright_one(quarters: int) -> None:
+    (face,), later = detector.detect(small_motion().frames[0]), small_motion().frames[-1]
+    ((_, upright),) = detector.follow(face, [later])
+    lying = Upright(Frame(np.ascontiguousarray(np.rot90(later.pixels, -quarters))), quarters)
+    ((frame, followed),) = detector.follow(lying.seen_by_camera(face), [lying.seen])
+    assert frame is lying.seen
+    np.testing.assert_array_equal(followed.points, lying.points_seen(upright.points))
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_face_that_is_not_seen_as_it_is_is_looked_for_turned(quarters: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of faces in poor images, which the networks see upright only. One frame in fifteen is turned."""
+    upright = small_motion().frames[0]
+    lying = Upright(Frame(np.ascontiguousarray(np.rot90(upright.pixels, -quarters))), quarters)
+    seen, near = list[Frame](), detector.Finder.near
+
+    def only_upright(finder: detector.Finder, frame: Frame) -> list[Array]:
+        seen.append(frame)
+        return near(finder, frame) if np.array_equal(frame.pixels, upright.pixels) else []
+
+    monkeypatch.setattr(detector.Finder, "near", only_upright)
+    monkeypatch.setattr(detector.Finder, "distant", lambda finder, frame, near=None: [])
+    (known,), (found,) = detector.detect(upright), detector.detect(lying.seen)
+    np.testing.assert_array_equal(found.points, lying.points_seen(known.points))
+    x, y = (float(value) for value in found.points.mean(axis=0))
+    assert detector.detect(lying.seen, (x, y))
+    assert not detector.detect(lying.seen, (0.0, 0.0))
+    seen.clear()
+    grey = Frame(np.full_like(upright.pixels, 90))
+    assert detector.first_with_a_face([grey] * 30) is None
+    assert len(seen) == 30 + 2 * 3
+
+
 def test_what_is_dark_is_not_made_black() -> None:
     """A picture of 25 grey values is seen as the bright one is, though most of the looks at it are darkened."""
     bright = small_motion().frames[0]
@@ -245,6 +279,7 @@ def test_a_face_is_followed_beside_others_while_it_moves_little(
     shown = iter(answers)
     monkeypatch.setattr(detector.Finder, "near", lambda finder, frame: next(shown))
     monkeypatch.setattr(detector.Finder, "in_crop", lambda finder, frame, place: [])
+    monkeypatch.setattr(detector, "roll_of", lambda face: 0.0)
     first = detector.landmarks_of(small_motion().frames[0], _moved(0.0))
     followed = list(detector.follow(first, frames))
     assert [frame.index for frame, _ in followed] == [1, 3, 5]

@@ -16,6 +16,7 @@ from mien.geometry.rotation import matrix_from_euler, similarity
 from mien.initialization.detector import detect
 from mien.initialization.landmarks import Landmarks, place_of
 from mien.initialization.straight import straightened
+from mien.initialization.upright import Upright
 from small_motion import face, seen_by_turned, with_border
 
 BORDER = (300, 100)
@@ -56,6 +57,18 @@ def test_a_face_at_the_side_is_found_as_in_the_middle(tilt: float, pan: float) -
     assert np.abs(shape - (scale * shape_middle @ R.T + t)).mean() < 0.006 * np.ptp(shape, axis=0).max()
     np.testing.assert_allclose(R, matrix_from_euler(np.radians([tilt, pan, 0])), atol=0.02)
     assert (straight.frame_index, straight.time, straight.scheme) == (7, 0.25, seen.scheme)
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_face_at_the_side_of_a_turned_image_is_found_as_in_an_upright_one(quarters: int) -> None:
+    _, _, camera = _middle()
+    frame, _ = _beside(8, 10)
+    (seen,) = detect(frame)
+    upright = straightened(frame, seen, camera)
+    turned = Upright(Frame(np.ascontiguousarray(np.rot90(frame.pixels, -quarters))), quarters)
+    camera = Camera.centred(camera.focal_px, turned.seen.width, turned.seen.height)
+    straight = turned.turned_upright(straightened(turned.seen, turned.seen_by_camera(seen), camera))
+    np.testing.assert_allclose(straight.points, upright.points, atol=0.001)
 
 
 def test_a_face_in_the_middle_is_left_as_it_was_found() -> None:

@@ -25,7 +25,7 @@ from mien.frame import Frame
 from mien.initialization.landmarks import MINIMUM_FACE_PX, Landmarks, Place, Point, place_of
 from mien.initialization.mediapipe_mesh import MediaPipeMesh
 from mien.initialization.opencv_mesh import OpenCVMesh, crop_matrix, uncrop
-from mien.initialization.upright import quarters_of, roll_of
+from mien.initialization.upright import Upright, quarters_of, roll_of
 
 _COPIES = (
     (0.0, 1.0, 1.0), (-8.0, 0.95, 1.6), (8.0, 0.95, 1.6), (-4.0, 1.1, 2.0), (4.0, 1.1, 2.0), (0.0, 0.85, 1.6)
@@ -36,8 +36,8 @@ _SAME_PLACE = 0.5
 """Mean distance of two faces' points, over their size, below which they may be the same face."""
 _CROP_SIDE, _CROP_PIXELS = 2.2, (256, 640)
 """Side of the crop around a face, in sizes of the face, and its minimum and maximum in pixels."""
-_DISTANT_EVERY = 15
-"""One frame in this many is searched for distant faces, which takes five times as long."""
+_THOROUGH_EVERY = 15
+"""One frame in this many is searched for distant and for turned faces, which takes eight times as long."""
 _LARGE_PX, _QUARTER = 750, 0.55
 """Longer side of a frame above which a trackable face may be too small to be found in the whole frame; and the side of
 a quarter over that of the frame, more than a half so that quarters overlap."""
@@ -48,7 +48,7 @@ _OUTLIER = 0.22
 _AGREEMENT = 0.004
 """The same difference, as the median over the copies, up to which a face is certainly upright. Measured: 0.001 to 0.005
 (once 0.009) for upright faces, 0.005 to 0.08 for faces upside down."""
-_TURNED_AGREEMENT, _FAR_BETTER = 0.006, 0.5
+TURNED_AGREEMENT, _FAR_BETTER = 0.006, 0.5
 """A face is upside down if the turned copies differ by less: if the upright ones show no face, and else as a fraction
 of their difference. Measured: 0.001 to 0.006 and mostly below 0.4 for faces upside down, 0.7 to 1 for upright faces
 that the border cuts below the nose."""
@@ -68,15 +68,33 @@ def first_with_a_face(frames: Iterable[Frame], at: Point | None = None) -> tuple
     too_small: tuple[Frame, list[Landmarks]] | None = None
     with open_finder(MAXIMUM_FACES) as finder:
         for k, frame in enumerate(frames):
-            seen = finder.largest_first(frame, k % _DISTANT_EVERY == 0, at)
-            averaged = (_average(frame, face) for face in seen)
-            found = (landmarks_of(frame, *face) for face in averaged if face is not None)
-            faces = [face for face in found if face.are_inside(frame.width, frame.height)]
+            thorough = k % _THOROUGH_EVERY == 0
+            faces = _confirmed(finder, frame, thorough, at)
+            if not faces and thorough:
+                faces = _turned(finder, frame, at)
             if any(face.are_trackable(frame.width, frame.height) for face in faces):
                 return frame, faces
             if faces and too_small is None:
                 too_small = frame, faces
     return too_small
+
+
+def _confirmed(finder: Finder, frame: Frame, distant: bool, at: Point | None) -> list[Landmarks]:
+    """The faces of a frame, largest first, that its copies confirm and that are inside; distant, at: as of `Finder`."""
+    averaged = (_average(frame, face) for face in finder.largest_first(frame, distant, at))
+    found = (landmarks_of(frame, *face) for face in averaged if face is not None)
+    return [face for face in found if face.are_inside(frame.width, frame.height)]
+
+
+def _turned(finder: Finder, frame: Frame, at: Point | None) -> list[Landmarks]:
+    """The faces of a frame in which no upright one is seen, by the first turn of it that shows some."""
+    for view in (Upright(frame, quarters) for quarters in (2, 1, 3)):
+        faces = _confirmed(finder, view.frame, False, view.point(at))
+        # In a face upside down an upright one is seen, which the copies rarely confirm so well.
+        sure = [view.seen_by_camera(face) for face in faces if (face.disagreement or 0.0) <= TURNED_AGREEMENT]
+        if sure:
+            return sure
+    return []
 
 
 def detect_once(frame: Frame, at: Point | None = None, distant: bool = True) -> list[Landmarks]:
@@ -93,15 +111,17 @@ def detect_all(frame: Frame) -> list[Landmarks]:
 
 
 def follow(face: Landmarks, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Landmarks]]:
-    """Follow a face through later frames, by a single detection in each; skips frames without a face at its last
-    place."""
+    """Follow a face through later frames, by a single detection in each, turned so that the face is upright; skips
+    frames without a face at its last place."""
     with open_finder(MAXIMUM_FACES) as finder:
         for frame in frames:
-            same = _match(frame, finder.near(frame), face)
+            view = Upright(frame, quarters_of(roll_of(face)))
+            before = view.turned_upright(face)
+            same = _match(view.frame, finder.near(view.frame), before)
             if same is None:
-                same = _match(frame, finder.in_crop(frame, place_of(face.points)), face)
+                same = _match(view.frame, finder.in_crop(view.frame, place_of(before.points)), before)
             if same is not None:
-                face = same
+                face = view.seen_by_camera(same)
                 yield frame, face
 
 
@@ -147,7 +167,7 @@ def _average(frame: Frame, face: Array) -> tuple[Array, float] | None:
     if turned is None or (upright is not None and upright[1] <= turned[1]):
         return upright
     if upright is None:
-        return turned if turned[1] <= _TURNED_AGREEMENT else None
+        return turned if turned[1] <= TURNED_AGREEMENT else None
     sideways = float(np.abs(turned[0] - upright[0])[:, :2].mean()) < _OUTLIER * place[1]  # found alike either way
     return turned if sideways or turned[1] < _FAR_BETTER * upright[1] else None
 

@@ -17,6 +17,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera, line_of_sight
 from mien.geometry.rotation import ray_rotation
 from mien.initialization.landmarks import Landmarks, place_of
+from mien.initialization.upright import Upright, quarters_of, roll_of
 
 _LEAST_DEG = 6.0
 """Angle between the optical axis and the face from which on the stretch matters."""
@@ -39,10 +40,11 @@ def straightened(frame: Frame, face: Landmarks, camera: Camera) -> Landmarks:
     turned = Camera.centred(scale * camera.focal_px / float(sight[2]), pixels, pixels)
     to_turned = turned.matrix @ ray_rotation(sight).T @ np.linalg.inv(camera.matrix)
     seen = cv2.warpPerspective(frame.pixels, to_turned, (pixels, pixels), borderMode=cv2.BORDER_REPLICATE)
-    found = detect(Frame(np.asarray(seen, np.uint8), frame.index, frame.time), (turned.cx, turned.cy))
+    view = Upright(Frame(np.asarray(seen, np.uint8), frame.index, frame.time), quarters_of(roll_of(face)))
+    found = detect(view.frame, (turned.cx, turned.cy))
     if not found or found[0].depths is None:
         return face
-    points = cv2.perspectiveTransform(found[0].points[None], np.linalg.inv(to_turned))[0]
+    points = cv2.perspectiveTransform(view.points_seen(found[0].points)[None], np.linalg.inv(to_turned))[0]
     depths = found[0].depths / scale
     straight = replace(face, points=points, depths=depths, scheme=found[0].scheme, disagreement=found[0].disagreement)
     return straight if straight.are_trackable(frame.width, frame.height) else face

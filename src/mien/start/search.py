@@ -51,9 +51,6 @@ to 0.1 in blinks."""
 
 _UPRIGHT = math.radians(60.0)
 """Roll of a face up to which detectors see it as well as an upright one."""
-_AGREEMENT = 0.006
-"""Disagreement of the copies of a turned frame, see `Landmarks`, up to which they show a face: of faces turned upright
-it is 0.001 to 0.006, of upright ones turned upside down mostly more (docs/experiments.md)."""
 
 
 def find_face(
@@ -175,12 +172,12 @@ class Patience:
         """Whether copies of the frame show the face of a view, upright there, where it was `seen`; if so, it becomes
         the first detection, unless no face has such landmarks. One that lies in the view is looked for in another one
         from then on."""
-        from mien.initialization.detector import refine
+        from mien.initialization.detector import TURNED_AGREEMENT, refine
 
         # All later turns are measured from this detection, so it is found as well as it can be.
         face = refine(view.frame, view.turned_upright(seen))
         # As in a face upside down the detector sees an upright one, others must agree as well as they do mostly.
-        if face is None or (view.quarters != self.quarters and (face.disagreement or 0.0) > _AGREEMENT):
+        if face is None or (view.quarters != self.quarters and (face.disagreement or 0.0) > TURNED_AGREEMENT):
             return False
         roll = roll_of(face)
         if abs(roll) > _UPRIGHT:
