@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mien.errors import MienError
-from mien.files import checksum, json_text, require_writable, whole_file
+from mien.files import checksum, json_text, require_writable, user_path, whole_file
 
 
 def test_through_a_link_its_target_is_written(tmp_path: Path) -> None:
@@ -26,6 +28,12 @@ def test_through_a_link_its_target_is_written(tmp_path: Path) -> None:
         assert link.is_symlink()
         assert target.read_text() == text
     assert list((tmp_path / "elsewhere").iterdir()) == [target]
+
+
+@pytest.mark.parametrize("path", [None, 5, b"out.csv"])
+def test_what_is_no_path_is_told(path: Any) -> None:
+    with pytest.raises(MienError, match=f"{re.escape(repr(path))} is no path of a file; give text or a pathlib.Path"):
+        user_path(path)
 
 
 def test_a_missing_folder_is_created(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -120,6 +121,21 @@ def test_frames_of_a_program_are_tracked_until_it_fails(tracker: StillTracker, t
     assert track.metadata["video"]["name"] == "the frames"
     assert track.metadata["video"]["fps"] is None  # nobody has said it
     assert track.metadata["stopped"] == "OSError: the camera was unplugged"
+
+
+def test_a_warning_that_is_made_an_error_does_not_hide_what_has_ended_the_track(
+    tracker: StillTracker, tmp_path: Path
+) -> None:
+    def frames() -> Iterator[Frame]:
+        yield Frame(portrait_images()[0])
+        raise KeyboardInterrupt
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MienWarning)
+        with pytest.raises(KeyboardInterrupt):
+            mien.track(frames(), landmarks=face().landmarks, save=tmp_path / "out", plot=tmp_path / "out.png")
+    assert len(mien.Track.read(tmp_path / "out.csv")) == 1
+    assert (tmp_path / "out.png").exists()
 
 
 def test_a_camera_is_free_again_though_the_error_that_ended_it_is_kept(

@@ -97,7 +97,9 @@ def json_text(values: Mapping[str, Any]) -> str:
 
 
 def user_path(path: str | Path) -> Path:
-    """The path of a file that a user names, with `~` for the home folder, as in a shell."""
+    """The path of a file that a user names, with `~` for the home folder, as in a shell. Raises MienError if it is no
+    path."""
+    require(isinstance(path, (str, os.PathLike)), f"{path!r} is no path of a file; give text or a pathlib.Path")
     return Path(os.path.expanduser(path))
 
 

@@ -21,7 +21,7 @@ from evaluation import tiny
 from evaluation.tiny import FRAMES, Known, Shifted, face68, head_rotations
 from mien.arrays import Pixels
 from mien.errors import MienError, MienWarning
-from mien.evaluation import tables
+from mien.evaluation import metrics, tables
 from mien.evaluation.cells import NONE, table_1_cells
 from mien.evaluation.contact_sheet import ESTIMATE, TILE, TRUTH, _around, _on_tile, contact_sheet
 from mien.evaluation.datasets import load_dataset
@@ -513,6 +513,16 @@ def test_the_legend_of_many_trackers_is_whole_and_names_no_other(out: Path) -> N
         assert [text for text in shown if text not in ("truth", "threshold of the tables")] == list(names[:-1])
         assert legend.get_window_extent().x1 <= figure.bbox.x1
         assert legend.get_window_extent().y0 >= max(axis.bbox.y1 for axis in figure.axes)  # hides no line
+
+
+def test_of_few_frames_the_reliability_is_hollow_and_joins_no_line() -> None:
+    confidence = np.repeat([0.05, 0.55, 0.95], [1, 40, 60])
+    figure = reliability_diagram({"good": metrics.reliability(confidence, np.zeros(len(confidence)))})
+    _, many, few = figure.axes[0].get_lines()
+    shown = [np.asarray(line.get_xdata())[np.isfinite(line.get_ydata())] for line in (many, few)]
+    np.testing.assert_allclose(shown[0], [0.55, 0.95])
+    np.testing.assert_allclose(shown[1], [0.05])
+    assert (few.get_linestyle(), few.get_markerfacecolor()) == ("None", "none")
 
 
 def test_one_bin_of_the_angle_of_the_head_shows_both_quantiles(out: Path) -> None:

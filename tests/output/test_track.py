@@ -201,6 +201,7 @@ def test_estimates_can_be_compared_and_kept_in_sets() -> None:
 def test_columns_by_property(track: Track) -> None:
     assert len(track) == 4
     assert track.lost == 1
+    np.testing.assert_array_equal(np.arange(4)[track.index], track.index)
     assert track.status == ["initialized", "tracked", "lost", "tracked"]
     np.testing.assert_allclose(track.time, np.arange(4) / 30, atol=1e-6)
     np.testing.assert_allclose(track.euler_deg[3], np.degrees([0.1, 0.03, -0.2]), atol=1e-4)

@@ -130,7 +130,7 @@ class Summary:
         others = (faces for table, faces in left if table not in tables and faces[0]["video"] not in videos)
         names = dict.fromkeys(chain(_OWN, *self._added.values()))
         with whole_file(self.path) as file, file.open("w", **_CSV) as stream:
-            writer = csv.DictWriter(stream, list(names))
+            writer = csv.DictWriter(stream, list(names), lineterminator="\n")
             writer.writeheader()
             writer.writerows(chain.from_iterable([*rows, *others]))
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 
-from mien.arrays import Array
+from mien.arrays import Array, Integers
 from mien.candide.model import TRACKED_UNITS, with_eyes_closed
 from mien.errors import MienError, require, warn
 from mien.files import json_text, require_ending, user_path, whole_file
@@ -48,6 +48,8 @@ from mien.tracking.state import EYES_CLOSED, Estimate, Status
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_Values = TypeVar("_Values", Array, Integers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +96,9 @@ class Track:
         return f"<Track of {len(self)} frames{span}>"
 
     @cached_property
-    def index(self) -> Array:
+    def index(self) -> Integers:
         """(n,) index of each frame in its video, from 0."""
-        return self._numbers("frame")
+        return _fixed(self._numbers("frame").astype(np.int64))
 
     @cached_property
     def time(self) -> Array:
@@ -310,7 +312,7 @@ class Track:
         return _fixed(np.stack([self._numbers(n) for n in names], axis=-1))
 
 
-def _fixed(values: Array) -> Array:
+def _fixed(values: _Values) -> _Values:
     """The array, which can no longer be written to: the properties of a track are views of its table."""
     values.setflags(write=False)
     return values

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mien.arrays import Array
-from mien.errors import MienError, interruption, warn
+from mien.errors import MienError, MienWarning, interruption, warn
 from mien.initialization.fit import turned_deg
 from mien.initialization.landmarks import Landmarks
 from mien.output.destination import Destination
@@ -82,7 +82,9 @@ def _run_pass(this: Pass) -> tuple[Track, Pass]:
             drawn = recorder.count > 0 and isinstance(error, KeyboardInterrupt)  # else its overlay is discarded
             for index in sorted(index for index in earlier if index > recorder.last_index):
                 recorder.add(earlier[index])
-            _write_stopped(learned, recorder, error, drawn)
+            # The original error matters more than a failure to write the rows, or than a warning that is made an error.
+            with suppress(MienError, MienWarning):
+                _write_stopped(learned, recorder, error, drawn)
             if error is raised:
                 raise
             raise error from None
@@ -138,17 +140,17 @@ def _write_stopped(learned: Pass, recorder: Recorder, error: BaseException, draw
         ends = "" if overlay is None else f", and {overlay} ends where it was stopped"
         warn(f"stopped in the second pass; {table} holds the first{ends}")
     elif recorder.count and table is not None:
-        with suppress(MienError):  # the original error matters more than a failure to write the rows
-            stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
-            track = _track_of(learned, recorder, stopped)
-            has_overlay = drawn and learned.number == learned.passes  # else there is none that NAME.json could name
-            files = learned.files if has_overlay else replace(learned.files, overlay=None)
-            files.write_table(track)
+        stopped = f"{type(error).__name__}: {error}".removesuffix(": ")
+        track = _track_of(learned, recorder, stopped)
+        has_overlay = drawn and learned.number == learned.passes  # else there is none that NAME.json could name
+        files = learned.files if has_overlay else replace(learned.files, overlay=None)
+        files.write_table(track)
+        with suppress(MienWarning):  # made an error, it must not keep the plot from being written
             warn(f"stopped after {recorder.count} frames, which are in {table}")
-            try:
-                learned.files.write_drawn(track)
-            except MienError as refused:  # as there may be no head yet
-                warn(str(refused))
+        try:
+            learned.files.write_drawn(track)
+        except MienError as refused:  # as there may be no head yet
+            warn(str(refused))
 
 
 def _track_of(learned: Pass, recorder: Recorder, stopped: str | None = None) -> Track:

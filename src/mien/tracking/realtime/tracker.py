@@ -125,11 +125,11 @@ class RealtimeTracker:
         self.motion = Motion(self.face.patches, self.person.mouth, s.prior.jaw, s.motion)
         self.identity = Identity(1.0 - self.person.temples)
         self.lost_frames = 0
-        settled = self._refine_first_pose(frame)
+        settled = self._refine_first_pose(frame, landmarks.source)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.share_behind_graphics(self.graphics, self.pose)
-        sharp, rounding = self._quality(frame)
+        sharp, rounding = self._quality(frame, landmarks.source)
         flat, (R, ray) = landmarks.depths is None, (self.pose.R, self.pose.line_of_sight)
         first = Reference(R, ray, self.fit.axes_sd, covered, sharp, rounding, flat)
         self.axes = HeadAxes(self.fit, first, self.person.shape, s.axes)
@@ -138,8 +138,9 @@ class RealtimeTracker:
         self.size = frame.width, frame.height
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
-    def _refine_first_pose(self, frame: Frame) -> Solution:
-        """Refine the pose that the landmarks gave by the learned appearance: later rotations are measured from it."""
+    def _refine_first_pose(self, frame: Frame, source: str) -> Solution:
+        """Refine the pose that the landmarks gave by the learned appearance: later rotations are measured from it.
+        source: of the landmarks, for warnings."""
         for _ in range(3):
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
@@ -149,28 +150,28 @@ class RealtimeTracker:
         self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
         if self.closing is None:
             warn(
-                f"the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, so that "
-                "eyes_closed is not estimated; begin where they are open; in a file, `mien landmarks` with --start "
-                "finds landmarks there, and --landmarks learns the face from them"
+                f"{source}: the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, "
+                "so that eyes_closed is not estimated; begin where they are open; in a file, `mien landmarks` with "
+                "--start finds landmarks there, and --landmarks learns the face from them"
             )
         elif self.learned_veiled:
             warn(
-                f"the eyes cannot be seen at {frame.time:.2f} s, where the face is learned, as behind dark glasses or "
-                "reflections, so that eyes_closed is not estimated; begin where they are seen"
+                f"{source}: the eyes cannot be seen at {frame.time:.2f} s, where the face is learned, as behind dark "
+                "glasses or reflections, so that eyes_closed is not estimated; begin where they are seen"
             )
         return solution
 
-    def _quality(self, frame: Frame) -> tuple[float, float]:
+    def _quality(self, frame: Frame, source: str) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
-        if it is blurred or coarsely compressed."""
+        if it is blurred or coarsely compressed. source: of the landmarks, for the warning."""
         camera = self.solver.face_camera(self.face.fine, self.pose)
         sharp = sharpness(camera.sample(frame, FINEST))  # however much the descriptors are smoothed
         rounding = (frame.quantizer_step or 0.0) * camera.scale
         poor = "blurred or enlarged" if sharp < _BLURRED else "coarsely compressed" if rounding > _COARSE else ""
         if poor:
             warn(
-                f"the face is {poor} at {frame.time:.2f} s, where it is learned: what it does is less certain, as the "
-                "standard deviations say"
+                f"{source}: the face is {poor} at {frame.time:.2f} s, where it is learned: what it does is less "
+                "certain, as the standard deviations say"
             )
         return sharp, rounding
 
