@@ -69,6 +69,9 @@ class VisibilitySettings(Settings):
     least_eye_contrast: float = Field(
         0.15, ge=0, description="contrast of an eye, relative to that of the face, below which it cannot be seen"
     )
+    least_mouth_contrast: float = Field(
+        0.25, ge=0, description="contrast of a mouth, relative to that of the face, below which it cannot be seen"
+    )
     eye_glare: float = Field(
         1.25, gt=0, description="brightness of an eye, relative to the brightest skin, above which it cannot be seen"
     )
@@ -128,6 +131,11 @@ class MisplacementSettings(Settings):
         2.0,
         gt=0,
         description="smallest systematic error of a temple, pixels of the crop, as light and hair change there",
+    )
+    worn_sd: float = Field(
+        4.0,
+        gt=0,
+        description="smallest systematic error of what lies behind glasses or a mask, which slide; pixels of the crop",
     )
     rate: float = Field(
         0.02, ge=0, lt=1, description="per-frame rate of the moving average of a landmark's systematic error"

@@ -41,6 +41,7 @@ from mien.tracking.realtime.uncertainty import (
     THIN,
     THIN_SCALE,
     TILT_MOVED_SD,
+    TILT_WORN_SD,
     TRANSLATION_SCALE,
     TURNED_SCALE,
     UNIT_SCALE,
@@ -209,6 +210,12 @@ def test_an_expression_makes_the_tilt_about_the_heads_own_axis_less_certain() ->
     no_axes = Reference(R, AHEAD, np.zeros(3))
     covariance = systematic_covariance(R, view(R), no_axes, EXACT, 0.25)
     np.testing.assert_allclose(covariance, (0.5 * TILT_MOVED_SD) ** 2 * np.outer(R[:, 0], R[:, 0]), atol=1e-12)
+
+
+def test_something_worn_that_slides_makes_the_tilt_less_certain() -> None:
+    R = rotation(0, 0, 0.5)
+    worn = systematic_covariance(R, view(R), Reference(R, AHEAD, np.zeros(3), worn=True), EXACT)
+    np.testing.assert_allclose(worn, TILT_WORN_SD**2 * np.outer(R[:, 0], R[:, 0]), atol=1e-12)
 
 
 @pytest.mark.parametrize("pan", [0.2, 0.6])

@@ -1,4 +1,4 @@
-"""Eyes behind dark glasses or a light, painted before a rendered face that moves."""
+"""Eyes behind dark glasses or a light, and mouths behind a mask, painted before a rendered face that moves."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from mien.arrays import Array, Float32
+from mien.candide.model import MOVES_MOUTH
 from mien.config import RealtimeSettings
-from mien.config.realtime import VisibilitySettings
+from mien.config.realtime import MisplacementSettings, VisibilitySettings
 from mien.errors import MienWarning
 from mien.frame import Frame
+from mien.geometry.rotation import angle_between
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.synthetic import SyntheticSequence, make_sequence, moved
 from mien.tracking.realtime import RealtimeTracker
@@ -24,6 +26,7 @@ from small_motion import face, run
 SIDES = ("right", "left")
 EYES = {side: [k for k, name in enumerate(LANDMARK_NAMES) if name.startswith(f"{side}_eye")] for side in SIDES}
 REST = [k for k, name in enumerate(LANDMARK_NAMES) if "lip" in name or "mouth" in name or "chin" in name]
+OUTER_CORNERS = [f"{side}_eye_outer_corner" for side in SIDES]
 FRAMES, PUT_ON = 8, 3
 DARK, BRIGHT = 0.08, 255.0
 
@@ -128,6 +131,73 @@ def test_nothing_is_told_once_glasses_that_were_learned_are_taken_off() -> None:
     assert all(tracker.track(frame).closing is None for frame in later)
 
 
+def _sliding(worn_sd: float, paint: Callable[[Float32, Array, float], Float32]) -> tuple[list[Estimate], float]:
+    """Estimates of a face that keeps still, and their largest rotation from the first, in degrees, with something worn
+    before it that slides down by a fifth of the distance of the eyes. paint: before the points (26, 2), so far down."""
+    frame, points = _sequence().frames[0], _sequence().landmarks[0]
+    tracker, estimates = RealtimeTracker(RealtimeSettings(misplacement=MisplacementSettings(worn_sd=worn_sd))), []
+    apart = float(np.linalg.norm(np.subtract(*(points[LANDMARK_NAMES.index(name)] for name in OUTER_CORNERS))))
+    for k, down in enumerate(np.linspace(0, 0.2 * apart, 12)):
+        pixels = paint(frame.pixels.astype(np.float32), points, float(down))
+        seen = Frame(np.clip(np.round(pixels), 0, 255).astype(np.uint8), k, k / 30)
+        estimates.append(tracker.track(seen) if k else tracker.initialize(seen, face().landmarks, face().camera))
+    seen_as = [estimate.model_rotation for estimate in estimates]
+    turns = [angle_between(R, seen_as[0]) for R in seen_as if R is not None and seen_as[0] is not None]
+    assert len(turns) == len(estimates)
+    return estimates, float(np.degrees(np.max(turns)))
+
+
+def _glasses(pixels: Float32, points: Array, down: float) -> Float32:
+    return _over_eyes(pixels, np.add(points, [0.0, down]), 1.0, _dark, SIDES)
+
+
+def _mask(pixels: Float32, points: Array, down: float) -> Float32:
+    at = {name: points[k] + [0.0, down] for k, name in enumerate(LANDMARK_NAMES)}
+    (x, y), chin = at["nose_tip"], at["chin_boss"]
+    across = float(np.linalg.norm(np.subtract(*(at[name] for name in OUTER_CORNERS))))
+    under = np.zeros(pixels.shape[:2], np.float32)
+    ellipse = (float(x + chin[0]) / 2, float(y + chin[1]) / 2), (1.3 * across, 1.7 * float(chin[1] - y)), 0.0
+    cv2.ellipse(under, ellipse, 1.0, -1, cv2.LINE_AA)
+    share = cv2.GaussianBlur(under, (0, 0), 1.0)[..., None]
+    return np.asarray(pixels + share * (np.array([150, 185, 205]) - pixels), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("paint", "told"),
+    [(_glasses, "the eyes (cannot be seen|are shut, covered)"), (_mask, r"the mouth cannot be seen at 0\.00 s")],
+)
+def test_what_is_worn_where_the_face_is_learned_slides_without_it(
+    paint: Callable[[Float32, Array, float], Float32], told: str
+) -> None:
+    with pytest.warns(MienWarning, match=told):
+        turned, taken_for_it = (_sliding(worn_sd, paint)[1] for worn_sd in (4.0, 0.05))
+    assert turned < 0.5 * taken_for_it
+    assert turned < 3.0
+
+
+def test_behind_glasses_that_were_learned_a_face_is_less_certain() -> None:
+    with pytest.warns(MienWarning, match="the eyes"):
+        estimates, _ = _sliding(4.0, _glasses)
+    still = run(RealtimeTracker(), _sequence())
+    sd, usual = (
+        [np.sqrt(np.trace(e.covariance[:3, :3])) for e in of if e.covariance is not None] for of in (estimates, still)
+    )
+    assert min(sd) > 1.2 * max(usual)
+    assert max(e.confidence for e in estimates) < min(e.confidence for e in still)
+
+
+def test_of_a_mouth_behind_a_mask_nothing_is_told() -> None:
+    with pytest.warns(MienWarning, match="the mouth cannot be seen"):
+        estimates, _ = _sliding(4.0, _mask)
+    assert (_visibility(estimates, REST) == 0).all()
+    assert (_visibility(estimates[:1], EYES["right"] + EYES["left"]) > 0.5).all()
+    for estimate in estimates:
+        assert estimate.animation is not None
+        assert estimate.covariance is not None
+        np.testing.assert_array_equal(estimate.animation[MOVES_MOUTH], estimates[0].animation[MOVES_MOUTH])
+        assert (np.sqrt(np.diag(estimate.covariance)[6:])[MOVES_MOUTH] >= 0.2).all()
+
+
 def test_an_eye_that_is_seen_tells() -> None:
     estimates = _track(_dark, sides=("left",), begin=PUT_ON)
     assert all(estimate.closing is not None for estimate in estimates)
@@ -150,10 +220,10 @@ def _blurred(pixels: Float32) -> Float32:
 @pytest.mark.parametrize("seen", [_as_they_are, _dim, _hazy, _blurred], ids=["well lit", "dim", "hazy", "out of focus"])
 def test_eyes_are_seen_whatever_the_camera_makes_of_the_whole_face(seen: Change) -> None:
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "the face is blurred", MienWarning)
+        warnings.filterwarnings("ignore", ".*the face is blurred", MienWarning)
         estimates = _track(_as_they_are, seen=seen)
     assert all(estimate.closing is not None for estimate in estimates)
-    visible = _visibility(estimates, EYES["right"] + EYES["left"])
+    visible = _visibility(estimates, EYES["right"] + EYES["left"] + REST)
     assert (visible > 0).all()
 
 

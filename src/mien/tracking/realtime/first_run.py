@@ -123,7 +123,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),
-    (veiled._veiled, (_single(2), _PERSON, _POSE, _VIEW, (_SEEN, _array(1), 0.0), 0.0, 0.0)),
+    (veiled._veiled, (_single(2), _PERSON, _POSE, _VIEW, (_SEEN, _array(1), 0.0), 0.0, 0.0, 0.0)),
     (skin._look, (_single(2), _PERSON, _SKIN, _POSE, 0.0, _VIEW, _single(1))),
     (skin._likeness, (_single(2), _PERSON, _SKIN, _POSE, _array(1), _VIEW, _single(1))),
     (motion.center, (_single(1),)),

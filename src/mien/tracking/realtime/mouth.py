@@ -77,6 +77,8 @@ class MouthSearch:
         """A prediction, and where the skin above the upper lip and around the corners of the mouth is seen. Lips that
         bare the teeth look strange wherever they are, and what was measured of their motion is drawn back to rest."""
         s, rest = self.settings, self.prior.rest
+        if self.person.is_masked:
+            return predicted
         crop = view.image, self.person.arrays, predicted.pose.arrays, view.geometry
         lips = rest[UPPER_LIP.unit] + _LIPS
         skins = [_Likeness(UPPER_LIP.unit, lips, self.upper_lip.likeness(*crop, lips), s.skin_energy)]
@@ -113,6 +115,8 @@ class MouthSearch:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
         where these do not fit, start from other openings, and judge all by how much the chin looks as it did."""
         s, found = self.settings, float(best.pose.animation[JAW_DROP])
+        if self.person.is_masked:
+            return best
         open_from = float(self.prior.rest[JAW_DROP]) + _OPEN
         fits = sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW)
         if fits and (found < open_from or self.is_open):

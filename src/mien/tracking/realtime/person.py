@@ -41,6 +41,8 @@ JAW = [LANDMARK_NAMES.index("lower_lip_outer"), LANDMARK_NAMES.index("chin_boss"
 TRUSTED = 0.25
 """Robust weight above which a landmark looks as it should."""
 _NOSE = [i for i, name in enumerate(LANDMARK_NAMES) if name.startswith("nose") or "nostril" in name]
+_BEHIND_MASK = [i for i in _NOSE if LANDMARK_NAMES[i] != "nose_bump"]
+"""Landmarks that a mask covers beside mouth and chin."""
 _MOST_LEARNED = 0.7
 """Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
 the pose errors of the frames that it was learned from."""
@@ -64,9 +66,10 @@ class Person:
 
     neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of the usual
     appearance; tolerance: (n,) factor of it at which a robust weight is a quarter; variance: (n, 4) of the systematic
-    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; eyes, mouth, temples:
-    (n,) which landmarks belong to the eyes, to mouth and chin, whose appearance changes as they move, and to the
-    temples, which look alike on all faces; covers: what lies on the face; spectacles_evidence: logarithm of how much
+    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; brows, eyes, mouth,
+    temples: (n,) which landmarks belong to these, to mouth and chin, whose appearance changes as they move, and to the
+    temples, which look alike on all faces; worn: (n,) which were learned as they lie on dark glasses or a mask; masked:
+    (n,) on a mask; covers: what lies on the face; spectacles_evidence: logarithm of how much
     stranger the eyes look than the rest of a turned face, as a ratio of distances; learned_shut: whether the eyes were
     shut in the first frame.
     """
@@ -87,13 +90,13 @@ class Person:
         self.face: LearnedFace = before.face if before else learn_face(frame, landmarks, fit, camera, vertices, s)
         face = self.face
         self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
-        brows = np.array(["brow" in name for name in TRACKED])
-        self.eyes = np.array(["eye" in name for name in TRACKED]) & ~brows
+        self.brows = np.array(["brow" in name for name in TRACKED])
+        self.eyes = np.array(["eye" in name for name in TRACKED])
         self.mouth = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
         self.shape: ShapePosterior = (
             deepcopy(before.shape)
             if before
-            else ShapePosterior(face.neutral, face.normals, self.eyes | brows, fit.R, fit.t, s.shape)
+            else ShapePosterior(face.neutral, face.normals, self.eyes | self.brows, fit.R, fit.t, s.shape)
         )
         self.neutral = self.shape.mean
         self.look_covariance = LearnedCovariance(face.fine.appearance, s.covariance)
@@ -107,9 +110,15 @@ class Person:
         self.temples = np.array([name in _TEMPLES for name in TRACKED])
         self.least_variance = np.where(self.temples, s.misplacement.temple_sd, s.misplacement.least_sd) ** 2
         self.variance = np.column_stack([self.least_variance] * 2 + [np.full(n, angle * angle)] * 2)
+        self.worn, self.masked = np.zeros(n, bool), np.zeros(n, bool)
         self.covers = Covers(face.neutral, self.eyes, self.mouth, s.visibility)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
         self.learned_shut = opening_of(dict(zip(TRACKED, face.neutral, strict=True))) < _SHUT
+
+    @property
+    def is_masked(self) -> bool:
+        """Whether the face was learned behind a mask."""
+        return bool(self.masked[JAW[0]])
 
     @property
     def arrays(self) -> PersonArrays:
@@ -120,6 +129,23 @@ class Person:
         """Landmarks (n, 3) in camera axes."""
         X: Array = pose_geometry.in_camera(self.arrays, pose.arrays)
         return X
+
+    def wear_glasses(self) -> None:
+        """Trust eyes and brows less, as of a face that was learned behind dark glasses."""
+        self._wear(self.eyes | self.brows)
+
+    def wear_mask(self) -> None:
+        """Trust mouth, chin and nose less, as of a face that was learned behind a mask."""
+        self.masked = self.mouth.copy()
+        self.masked[_BEHIND_MASK] = True
+        self._wear(self.masked)
+
+    def _wear(self, landmarks: Mask) -> None:
+        """Trust the positions of these landmarks (n,) less: what was learned of them is something worn, which slides on
+        the face as they do not."""
+        self.worn = self.worn | landmarks
+        self.least_variance = np.where(self.worn, self.settings.misplacement.worn_sd**2, self.least_variance)
+        self.variance[:, :2] = np.maximum(self.variance[:, :2], self.least_variance[:, None])
 
     def closing(self, solution: Solution, before: Closing | None = None) -> Closing | None:
         """How far the eyes have closed; None where that is not known, also if they were shut when they were learned.
@@ -138,10 +164,15 @@ class Person:
         camera."""
         return self.adaptation.mean_share(self.adaptation.share(solution.pose.angles), solution.facing)
 
+    def seen_share(self, solution: Solution) -> float:
+        """Share of the landmarks that are seen, see `Solution.seen`, without those on something worn."""
+        return solution.seen_share - float(np.count_nonzero(solution.seen & self.worn)) / len(self.worn)
+
     def layer(self, solution: Solution, view: Array) -> float:
         """Standard deviation, along a view (3,) in head axes, of the positions of the landmarks that a solution rests
         on, by their weight: those that are seen, see `Solution.seen`, and uncovered; 0 without any."""
-        spread: float = _spread(self.neutral, view, solution.w, solution.seen & ~self.covers.covered)
+        bare = solution.seen & ~(self.covers.covered | self.worn)
+        spread: float = _spread(self.neutral, view, solution.w, bare)
         return spread
 
     def misplacement_variance(self, level: Level, animation: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from mien.appearance.crop import is_blank
 from mien.appearance.quality import FINEST, sharpness
 from mien.arrays import Array
-from mien.candide.model import Candide, lid_closing, with_eyes_closed
+from mien.candide.model import MOVES_MOUTH, Candide, lid_closing, with_eyes_closed
 from mien.config import RealtimeSettings, given_or_default
 from mien.errors import require, warn
 from mien.frame import Frame
@@ -37,6 +37,7 @@ from mien.tracking.realtime.recovery import Recovery
 from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
+    UNSEEN_MOUTH_SD,
     Reference,
     ReliefError,
     confidence,
@@ -45,7 +46,7 @@ from mien.tracking.realtime.uncertainty import (
     state_covariance,
     visibility,
 )
-from mien.tracking.realtime.veiled import Veiled, veiled_eyes
+from mien.tracking.realtime.veiled import Veiled, veiled_parts
 from mien.tracking.state import (
     Closing,
     Estimate,
@@ -130,8 +131,9 @@ class RealtimeTracker:
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.share_behind_graphics(self.graphics, self.pose)
         sharp, rounding = self._quality(frame, landmarks.source)
-        flat, (R, ray) = landmarks.depths is None, (self.pose.R, self.pose.line_of_sight)
-        first = Reference(R, ray, self.fit.axes_sd, covered, sharp, rounding, flat)
+        flat, worn = landmarks.depths is None, bool(self.person.worn.any())
+        R, ray = self.pose.R, self.pose.line_of_sight
+        first = Reference(R, ray, self.fit.axes_sd, covered, sharp, rounding, flat, worn)
         self.axes = HeadAxes(self.fit, first, self.person.shape, s.axes)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
@@ -148,6 +150,15 @@ class RealtimeTracker:
         self.mouth = MouthSearch(self.person, self.solver, self.prior, view, self.pose, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
+        if self.learned_veiled:
+            self.person.wear_glasses()
+        if self.veiled.mouth:
+            self.person.wear_mask()
+            self.visible[self.person.masked] = 0
+            warn(
+                f"{source}: the mouth cannot be seen at {frame.time:.2f} s, where the face is learned, as behind a "
+                "mask, so that nothing is known of what it does; begin where it is seen"
+            )
         if self.closing is None:
             warn(
                 f"{source}: the eyes are shut, covered or too small at {frame.time:.2f} s, where the face is learned, "
@@ -338,16 +349,23 @@ class RealtimeTracker:
         mouth = self.person.mouth
         self.visible = visibility(solution.d2_without_noise, solution.facing, self.identity.patches.agreement, mouth)
         self.veiled = self._veiled(view, patches[1])
-        self.visible[self.veiled.landmarks] = 0
+        self.visible[self.veiled.landmarks | self.person.masked] = 0
         # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
-        self.motion.weight = np.maximum(seen, mouth * self.visible)
+        self.motion.weight = np.maximum(seen, mouth * self.visible) * ~self.person.worn
         return agreements
 
     def _veiled(self, view: View, norms: Array) -> Veiled:
-        """The eyes that cannot be seen. norms: (n,) of the patches, see `Template`."""
+        """The eyes and the mouth that cannot be seen. norms: (n,) of the patches, see `Template`."""
         shown = view.all_facing, norms, 1 / math.sqrt(self.face.patches.shape[1])
         arrays, pose = self.person.arrays, self.pose.arrays
-        return veiled_eyes(view.image, arrays, pose, view.geometry, shown, self.settings.visibility)
+        return veiled_parts(view.image, arrays, pose, view.geometry, shown, self.settings.visibility)
+
+    @property
+    def _told_pose(self) -> Pose:
+        """The pose that is reported: the mouth at rest if it is never seen, as its units follow what it is behind."""
+        if not self.person.is_masked:
+            return self.pose
+        return replace(self.pose, animation=np.where(MOVES_MOUTH, self.first_animation, self.pose.animation))
 
     @property
     def _told_closing(self) -> Closing | None:
@@ -372,10 +390,10 @@ class RealtimeTracker:
             status,
             rotation=self.axes.rotation(self.pose.R),
             translation=self.pose.t,
-            animation=self.pose.animation,
+            animation=self._told_pose.animation,
             covariance=covariance,
             landmarks=self._tracked_landmarks(solution),
-            confidence=confidence(covariance, solution.seen_share, familiar, self.identity.probability),
+            confidence=confidence(covariance, self.person.seen_share(solution), familiar, self.identity.probability),
             mm_per_unit=self.fit.mm_per_unit,
             closing=self._told_closing,
             model_rotation=self.pose.R,
@@ -385,7 +403,7 @@ class RealtimeTracker:
         """The landmarks at the present pose, how visible they are, and how far from what was expected."""
         n = len(LANDMARK_NAMES)
         closing = self._told_closing
-        X, image = self._reported_landmarks(self.pose, closing.share if closing else 0.0)
+        X, image = self._reported_landmarks(self._told_pose, closing.share if closing else 0.0)
         visible = self.visible[:n]
         if self._eyes_are_shut:
             visible = np.where(self.person.eyes[:n], 0.0, visible)
@@ -402,8 +420,10 @@ class RealtimeTracker:
             layer=self.person.layer(solution, first.seen_from),
         )
         moved = self.pose.animation - self.first_animation
-        d2, share = solution.seen_d2, solution.seen_share
+        d2, share = solution.seen_d2, self.person.seen_share(solution)
         covariance = state_covariance(solution.step_covariance, d2, share, self.pose, moved, first, relief)
+        if self.person.is_masked:
+            covariance[6:, 6:] += np.diag(UNSEEN_MOUTH_SD**2)
         if self.camera.focal_log_sd > 0:
             covariance[:6, :6] += focal_covariance(self.pose.t, first.ray, self.camera.focal_log_sd)
         return covariance

@@ -64,6 +64,8 @@ lean."""
 TILT_MOVED_SD = 0.012
 """Standard deviation in radians of the error of the tilt that an expression adds, by how far the units have moved in
 all: a jaw that drops looks much like a nod. Found on the rendered heads and on modelled people."""
+TILT_WORN_SD = 0.022
+"""The same where dark glasses or a mask are worn, which slide on the face. Found with benchmarks/worn.py."""
 TRANSLATION_SCALE = 2.0
 """Factor of the standard deviations of the translation beyond that of the rotation."""
 ACROSS_TURNED_SD, ACROSS_MOVED_SD, ALONG_MOVED_SD = 0.005, 0.01, 0.02
@@ -74,6 +76,9 @@ UNIT_SCALE = np.array([0.65, 0.35, 0.4, 0.5, 0.25, 0.65])
 """Standard deviation of the error of each unit in an expression, as a share of how far the mouth, or for their two
 units the brows, have moved in all: no face moves exactly as the units do, and what has moved far is often found less
 far."""
+UNSEEN_MOUTH_SD = np.array([0.3, 0.25, 0.3, 0.0, 0.2, 0.0])
+"""Standard deviation of each unit of a mouth that is never seen, as behind a mask: root mean squares of their motion on
+nineteen recordings of people who talk."""
 _SCALES = np.outer(*[np.repeat([1.0, TRANSLATION_SCALE, 1.0], [3, 3, 6])] * 2)
 _LEAST_LAYER = 0.02
 """Least standard deviation of depths, CANDIDE units: of a single landmark it is nothing."""
@@ -100,7 +105,8 @@ class Reference:
     the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
     roll; covered: share of the landmarks that graphics cover there; sharpness: of the face there, see
     `quality.sharpness`; rounding: how coarsely it was compressed there, grey values: `Frame.quantizer_step`, which the
-    crop's pixels average where they are larger than the frame's; flat: whether its landmarks have no depths there."""
+    crop's pixels average where they are larger than the frame's; flat: whether its landmarks have no depths there;
+    worn: whether dark glasses or a mask are worn there."""
 
     R: Array
     ray: Array
@@ -109,6 +115,7 @@ class Reference:
     sharpness: float = 1.0
     rounding: float = 0.0
     flat: bool = False
+    worn: bool = False
 
     @cached_property
     def scaled_axes_sd(self) -> Array:
@@ -216,13 +223,13 @@ def systematic_covariance(
     face from the side or graphics cover a part, and of a turn beyond 50 degrees, of which it shows next to nothing.
 
     With axes wrong by d every R is R exp(d), an error of R d, of which the first frame has first.R d. An expression
-    that is not quite followed tilts the head."""
+    that is not quite followed tilts the head, and so does something worn that slides."""
     far = FAR_SCALE * max(FAR_COSINE - float(seen_from @ first.seen_from), 0.0)
     shown = math.hypot(TURNED_SCALE * first.obliqueness, GRAPHICS_SCALE * first.covered, FLAT_SCALE * first.flat)
     thin = THIN_SCALE * max(THIN / max(relief.layer, _LEAST_LAYER) - 1, 0.0)
     known = math.hypot(RELIEF_SCALE * relief.sd, LEAN_SCALE * relief.lean, LEARNED_SCALE * relief.learned)
     share = math.hypot(known, shown, far, thin)
-    tilted = TILT_MOVED_SD**2 * expression
+    tilted = TILT_MOVED_SD**2 * expression + TILT_WORN_SD**2 * first.worn
     covariance: Array = _of_model(R, seen_from, first.R, first.seen_from, first.scaled_axes_sd, share, tilted)
     return covariance
 

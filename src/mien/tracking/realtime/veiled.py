@@ -1,9 +1,10 @@
-"""Eyes that cannot be seen: behind dark glasses or a reflection, or under something plain.
+"""Eyes that cannot be seen, behind dark glasses or a reflection, or under something plain; and mouths behind a mask.
 
 Descriptors are invariant to gain, so that what is left of an eye behind a dark lens, and the edge of the lens, look
 like an eye that stays open. An eye, open or shut, differs from skin: iris, lashes and the shadow of the lid are about
 as rich in contrast as the rest of a face. So an eye that shows a small part of that contrast is not seen, nor is one
-that is brighter than the brightest skin of the face, as only a light is.
+that is brighter than the brightest skin of the face, as only a light is. A mouth has at least the line between its
+lips, which what is plain has not.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ _EYES = np.array([[LANDMARK_NAMES.index(f"{side}_{part}") for part in EYE_PARTS]
 """Rows (2, 4) of the landmarks of each eye."""
 _OF_EYES = np.isin(np.arange(len(LANDMARK_NAMES)), _EYES)
 """Which landmarks these are; what is tracked beside the landmarks follows them."""
+_MOUTH = tuple(LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left"))
+"""Rows (2,) of its corners."""
 _ALONG, _ACROSS = np.linspace(0.2, 0.8, 7), np.linspace(-0.2, 0.2, 5)
-"""Where an eye is looked at: from the outer corner to the inner one, and up, in widths of the eye."""
+"""Where an eye, or a mouth, is looked at: from one corner to the other, and up, in widths of it."""
 _AROUND = np.array([-0.12, 0.12])
 """Where the brightness of a patch is looked at, to either side of its landmark, CANDIDE units."""
 _BRIGHTEST = 0.9
@@ -35,23 +38,27 @@ _BRIGHTEST = 0.9
 
 class Veiled(NamedTuple):
     """Which landmarks (n,) belong to eyes of which something faces the camera and that cannot be seen; whether that is
-    so of all eyes of which something does."""
+    so of all eyes of which something does; whether a mouth that faces the camera cannot be seen."""
 
     landmarks: Mask
     all: bool
+    mouth: bool
 
 
-def veiled_eyes(
+def veiled_parts(
     image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays, shown: tuple[Mask, Array, float],
     settings: VisibilitySettings,
 ) -> Veiled:  # fmt: skip
-    """Which eyes a crop, in which the face is at a pose, does not show. shown: which landmarks (n,) face the camera,
-    the norms (n,) of the patches around them, and what makes these standard deviations of the grey values."""
-    return Veiled(*_veiled(image, person, pose, view, shown, settings.least_eye_contrast, settings.eye_glare))
+    """What of eyes and mouth a crop, in which the face is at a pose, does not show. shown: which landmarks (n,) face
+    the camera, the norms (n,) of the patches around them, and what makes these standard deviations of grey values."""
+    s = settings
+    return Veiled(*_veiled(image, person, pose, view, shown, s.least_eye_contrast, s.eye_glare, s.least_mouth_contrast))
 
 
 @kernel()
-def _veiled(image: Any, person: Any, pose: Any, view: Any, shown: Any, least: float, glare: float) -> Any:
+def _veiled(
+    image: Any, person: Any, pose: Any, view: Any, shown: Any, least: float, glare: float, least_of_mouth: float
+) -> Any:
     """The entries of `Veiled`."""
     facing, norms, scale = shown
     R, t, a = pose
@@ -64,7 +71,7 @@ def _veiled(image: Any, person: Any, pose: Any, view: Any, shown: Any, least: fl
             others[count] = i
             count += 1
     if count == 0:
-        return veiled, False
+        return veiled, False, False
     usual = contrasts[count // 2]
     for k in range(len(_EYES)):
         if facing[_EYES[k]].any():
@@ -73,7 +80,9 @@ def _veiled(image: Any, person: Any, pose: Any, view: Any, shown: Any, least: fl
             if sd < least * usual or _outshines(median / glare, others[:count], image, person, a, to_crop):
                 hidden += 1
                 veiled[_EYES[k]] = True
-    return veiled, 0 < faces == hidden
+    right, left = _MOUTH
+    _, sd = _look(right, left, image, person, a, to_crop)
+    return veiled, 0 < faces == hidden, bool(facing[right] and facing[left] and sd < least_of_mouth * usual)
 
 
 @kernel()
@@ -102,7 +111,7 @@ def _brightness(i: int, image: Any, person: Any, a: Any, to_crop: Any) -> float:
 
 @kernel()
 def _look(outer: int, inner: int, image: Any, person: Any, a: Any, to_crop: Any) -> Any:
-    """Median and standard deviation of the grey values between the corners of an eye."""
+    """Median and standard deviation of the grey values between the corners of an eye, or of the mouth."""
     x, y, z = landmark_of(outer, person, a)
     X, Y, Z = landmark_of(inner, person, a)
     width = np.sqrt((X - x) ** 2 + (Y - y) ** 2 + (Z - z) ** 2)
