@@ -68,7 +68,7 @@ def test_a_face_at_the_side_of_a_turned_image_is_found_as_in_an_upright_one(quar
     turned = Upright(Frame(np.ascontiguousarray(np.rot90(frame.pixels, -quarters))), quarters)
     camera = Camera.centred(camera.focal_px, turned.seen.width, turned.seen.height)
     straight = turned.turned_upright(straightened(turned.seen, turned.seen_by_camera(seen), camera))
-    np.testing.assert_allclose(straight.points, upright.points, atol=0.001)
+    np.testing.assert_allclose(straight.points, upright.points, atol=0.05)
 
 
 def test_a_face_in_the_middle_is_left_as_it_was_found() -> None:
