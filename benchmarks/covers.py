@@ -14,15 +14,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from shared.command_line import carry_out, parser_of, print_heads
-from shared.runs import TRACKERS, Run, prepare, scored, track, wrong_share
+from shared.runs import TRACKERS, Run, cells_of, landmarks_of, prepare, scored, track, wrong_share
 from skimage import data
 
 from mien.arrays import Array, Pixels
-from mien.errors import require
-from mien.evaluation.cells import calibration_cells
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.metrics import ANGLE_LEVEL, COVERAGE_LEVELS
-from mien.evaluation.scores import Score, pooled_errors
+from mien.evaluation.scores import Score
 from mien.frame import Frame
 
 BEGIN = 10
@@ -73,11 +70,9 @@ COVERS: dict[str, tuple[Part, ...]] = {
 
 def behind(run: Run, part: Part, picture: Pixels) -> Run:
     """The run with a board, on which a picture is painted, before a part of the face."""
-    landmarks = run.truth.landmarks
-    require(landmarks is not None, f"{run.sequence.video}: no landmarks are known; leave the sequence out")
     frames = [
         frame if k < BEGIN else _covered(frame, points, part, picture)
-        for k, (frame, points) in enumerate(zip(run.frames, landmarks, strict=True))
+        for k, (frame, points) in enumerate(zip(run.frames, landmarks_of(run), strict=True))
     ]
     return replace(run, frames=frames)
 
@@ -116,9 +111,7 @@ def main() -> None:
     print_heads("covered", "tracker", "error", "90 %", "lost", "believed and wrong")
     for name, tracker in dict.fromkeys(row[:2] for row in made):
         scores, wrong = zip(*[row[2:] for row in made if row[:2] == (name, tracker)], strict=True)
-        error, lost = pooled_errors(scores).mean(), sum(score.lost for score in scores)
-        held = calibration_cells(scores)[COVERAGE_LEVELS.index(ANGLE_LEVEL)] if tracker == "realtime" else ""
-        print(f"| {name} | {tracker} | {error:.2f} | {held} | {lost} | {1000 * np.mean(wrong):.0f} |")
+        print(f"| {name} | {tracker} | {cells_of(scores, wrong, tracker == 'realtime')} |")
 
 
 if __name__ == "__main__":

@@ -15,22 +15,23 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from shared.command_line import carry_out, parser_of, print_heads
-from shared.runs import TRACKERS, Run, prepare, scored, track, wrong_share
+from shared.runs import TRACKERS, Run, cells_of, landmarks_of, prepare, scored, track, wrong_share
 
 from mien.arrays import Array, Pixels
 from mien.config import RealtimeSettings
 from mien.config.realtime import VisibilitySettings
 from mien.errors import require
-from mien.evaluation.cells import calibration_cells
 from mien.evaluation.datasets import load_dataset
-from mien.evaluation.metrics import ANGLE_LEVEL, COVERAGE_LEVELS
-from mien.evaluation.scores import Score, pooled_errors
+from mien.evaluation.scores import Score
 from mien.frame import Frame
 from mien.initialization.detector import detect
 from mien.tracking.realtime import RealtimeTracker
 
-EYES, JAW, NOSE = (slice(36, 42), slice(42, 48)), slice(2, 15), 28
-"""Landmarks of iBUG: the eyes, the outline of the face below them, and the nose below its bridge."""
+EYES, RIGHT_CORNER, LEFT_CORNER = (slice(36, 42), slice(42, 48)), 36, 45
+BRIDGE, NOSE, CHIN, JAW = 27, 28, 8, slice(2, 15)
+CHEEKS = (3, 6), (13, 10)
+"""Landmarks of iBUG: the eyes and their outer corners; bridge of the nose, nose below it, chin, and the outline of the
+face below the eyes; and of this, on either side, the places between which pleats end."""
 LENS, CLOTH, PLEAT = (15, 15, 20), (150, 185, 205), (120, 148, 164)
 SLIDES: dict[str, Callable[[int], float]] = {
     "still": lambda k: 0.0,
@@ -38,8 +39,6 @@ SLIDES: dict[str, Callable[[int], float]] = {
     "slips": lambda k: 0.12 * min(k / 120, 1.0),
 }
 """How far down it is in a frame, in distances of the outer corners of the eyes, which are some 9 centimetres apart."""
-
-
 _BITS = 4
 """Bits of a pixel's fraction in the coordinates that OpenCV draws."""
 Painter = Callable[[Pixels, Array, Array], Pixels]
@@ -65,9 +64,7 @@ def mask(pixels: Pixels, points: Array, slid: Array) -> Pixels:
     shown = pixels.copy()
     cv2.fillPoly(shown, [np.round(outline * 2**_BITS).astype(np.int32)], CLOTH, cv2.LINE_AA, _BITS)
     for share in (0.4, 0.6, 0.8):
-        ends = [
-            _fixed(slid + (1 - share) * points[upper] + share * points[lower]) for upper, lower in ((3, 6), (13, 10))
-        ]
+        ends = [_fixed(slid + (1 - share) * points[upper] + share * points[lower]) for upper, lower in CHEEKS]
         cv2.line(shown, *ends, PLEAT, 1, cv2.LINE_AA, _BITS)
     return shown
 
@@ -88,12 +85,10 @@ WORN: dict[str, Painter] = {"dark glasses": glasses, "a mask": mask}
 def behind(run: Run, paint: Painter, slide: Callable[[int], float]) -> Run:
     """The run with something worn before the face, which slides, and the landmarks that are found behind it. Raises
     MienError where there are none."""
-    landmarks = run.truth.landmarks
-    require(landmarks is not None, f"{run.sequence.video}: no landmarks are known; leave the sequence out")
     frames = []
-    for k, (frame, points) in enumerate(zip(run.frames, landmarks, strict=True)):
-        apart = np.linalg.norm(points[45] - points[36])
-        down = (points[8] - points[27]) / np.linalg.norm(points[8] - points[27])
+    for k, (frame, points) in enumerate(zip(run.frames, landmarks_of(run), strict=True)):
+        apart = np.linalg.norm(points[LEFT_CORNER] - points[RIGHT_CORNER])
+        down = (points[CHIN] - points[BRIDGE]) / np.linalg.norm(points[CHIN] - points[BRIDGE])
         frames.append(Frame(paint(frame.pixels, points, slide(k) * apart * down), frame.index, frame.time))
     faces = detect(frames[0])
     require(bool(faces), f"{run.sequence.video}: no face was found behind what is worn; leave the sequence out")
@@ -122,11 +117,9 @@ def main() -> None:
     print_heads("worn", "tracker", "recognised", "error", "90 %", "lost", "believed and wrong")
     for name, tracker in dict.fromkeys(row[:2] for row in made):
         told, scores, wrong = zip(*[row[2:] for row in made if row[:2] == (name, tracker)], strict=True)
-        error, lost = pooled_errors(scores).mean(), sum(score.lost for score in scores)
         ours = tracker != "MediaPipe"
-        held = calibration_cells(scores)[COVERAGE_LEVELS.index(ANGLE_LEVEL)] if ours else ""
         known = f"{sum(told)} of {len(told)}" if ours else ""
-        print(f"| {name} | {tracker} | {known} | {error:.2f} | {held} | {lost} | {1000 * np.mean(wrong):.0f} |")
+        print(f"| {name} | {tracker} | {known} | {cells_of(scores, wrong, ours)} |")
 
 
 if __name__ == "__main__":

@@ -10,12 +10,14 @@ import numpy as np
 from mien.arrays import Array
 from mien.baselines.mediapipe import MediaPipeTracker
 from mien.errors import require
+from mien.evaluation.cells import calibration_cells
 from mien.evaluation.datasets.sequence import Sequence, Truth
 from mien.evaluation.formats import to_markdown
+from mien.evaluation.metrics import ANGLE_LEVEL, COVERAGE_LEVELS
 from mien.evaluation.plan import Evaluation
 from mien.evaluation.protocols import DEFAULT_LOST_DEG, Protocol
 from mien.evaluation.results import SequenceResult, TrackTable
-from mien.evaluation.scores import Score, Scores
+from mien.evaluation.scores import Score, Scores, pooled_errors
 from mien.evaluation.tables import Table
 from mien.frame import Frame
 from mien.geometry.rotation import angle_between
@@ -85,6 +87,21 @@ def wrong_share(estimates: list[Estimate], run: Run) -> float:
     assert true is not None, "a rendered sequence has rotations"
     wrong = np.degrees(angle_between(R[0].T @ R, true[0].T @ true)) > WRONG_DEG  # never of NaN, where it is lost
     return float(np.mean(wrong & (np.array([e.confidence for e in estimates]) > BELIEVED)))
+
+
+def landmarks_of(run: Run) -> Array:
+    """True landmarks (n, k, 2) of a run. Raises MienError where there are none."""
+    landmarks = run.truth.landmarks
+    require(landmarks is not None, f"{run.sequence.video}: no landmarks are known; leave the sequence out")
+    return np.asarray(landmarks)
+
+
+def cells_of(scores: tuple[Score, ...], wrong: tuple[float, ...], intervals: bool) -> str:
+    """Cells of a Markdown row on a tracker: mean error, share of the errors in the 90 per cent intervals, empty unless
+    it has `intervals`, lost frames, and the mean of `wrong`, see `wrong_share`, in thousandths."""
+    error, lost = pooled_errors(scores).mean(), sum(score.lost for score in scores)
+    held = calibration_cells(scores)[COVERAGE_LEVELS.index(ANGLE_LEVEL)] if intervals else ""
+    return f"{error:.2f} | {held} | {lost} | {1000 * np.mean(wrong):.0f}"
 
 
 def print_tables(scores: Iterable[Score], tables: Iterable[Callable[[Scores], Table]]) -> None:

@@ -69,9 +69,9 @@ class Person:
     error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; brows, eyes, mouth,
     temples: (n,) which landmarks belong to these, to mouth and chin, whose appearance changes as they move, and to the
     temples, which look alike on all faces; worn: (n,) which were learned as they lie on dark glasses or a mask; masked:
-    (n,) on a mask; covers: what lies on the face; spectacles_evidence: logarithm of how much
-    stranger the eyes look than the rest of a turned face, as a ratio of distances; learned_shut: whether the eyes were
-    shut in the first frame.
+    (n,) on a mask; covers: what lies on the face; spectacles_evidence: logarithm of how much stranger the eyes look
+    than the rest of a turned face, as a ratio of distances; learned_shut: whether the eyes were shut in the first
+    frame.
     """
 
     def __init__(

@@ -154,7 +154,6 @@ class RealtimeTracker:
             self.person.wear_glasses()
         if self.veiled.mouth:
             self.person.wear_mask()
-            self.visible[self.person.masked] = 0
             warn(
                 f"{source}: the mouth cannot be seen at {frame.time:.2f} s, where the face is learned, as behind a "
                 "mask, so that nothing is known of what it does; begin where it is seen"
@@ -349,7 +348,7 @@ class RealtimeTracker:
         mouth = self.person.mouth
         self.visible = visibility(solution.d2_without_noise, solution.facing, self.identity.patches.agreement, mouth)
         self.veiled = self._veiled(view, patches[1])
-        self.visible[self.veiled.landmarks | self.person.masked] = 0
+        self.visible[self.veiled.landmarks] = 0
         # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
         self.motion.weight = np.maximum(seen, mouth * self.visible) * ~self.person.worn
         return agreements
@@ -383,7 +382,8 @@ class RealtimeTracker:
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
         """The estimate of a frame: the present pose, its landmarks, covariance and confidence. familiar:
         `familiarity`."""
-        covariance = self._covariance(solution)
+        share = self.person.seen_share(solution)
+        covariance = self._covariance(solution, share)
         return Estimate(
             frame.index,
             frame.time,
@@ -393,7 +393,7 @@ class RealtimeTracker:
             animation=self._told_pose.animation,
             covariance=covariance,
             landmarks=self._tracked_landmarks(solution),
-            confidence=confidence(covariance, self.person.seen_share(solution), familiar, self.identity.probability),
+            confidence=confidence(covariance, share, familiar, self.identity.probability),
             mm_per_unit=self.fit.mm_per_unit,
             closing=self._told_closing,
             model_rotation=self.pose.R,
@@ -404,14 +404,13 @@ class RealtimeTracker:
         n = len(LANDMARK_NAMES)
         closing = self._told_closing
         X, image = self._reported_landmarks(self._told_pose, closing.share if closing else 0.0)
-        visible = self.visible[:n]
-        if self._eyes_are_shut:
-            visible = np.where(self.person.eyes[:n], 0.0, visible)
+        hidden = self.person.masked | self.person.eyes if self._eyes_are_shut else self.person.masked
+        visible = np.where(hidden[:n], 0.0, self.visible[:n])
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         return TrackedLandmarks(LANDMARK_NAMES, image, X, visible, distance)
 
-    def _covariance(self, solution: Solution) -> Array:
-        """Covariance (12, 12) of the present pose, see `Estimate`."""
+    def _covariance(self, solution: Solution, share: float) -> Array:
+        """Covariance (12, 12) of the present pose, see `Estimate`. share: of the landmarks, `Person.seen_share`."""
         first, shape = self.axes.first, self.person.shape
         relief = ReliefError(
             shape.relief_sd,
@@ -420,8 +419,8 @@ class RealtimeTracker:
             layer=self.person.layer(solution, first.seen_from),
         )
         moved = self.pose.animation - self.first_animation
-        d2, share = solution.seen_d2, self.person.seen_share(solution)
-        covariance = state_covariance(solution.step_covariance, d2, share, self.pose, moved, first, relief)
+        spread, d2 = solution.step_covariance, solution.seen_d2
+        covariance = state_covariance(spread, d2, share, self.pose, moved, first, relief)
         if self.person.is_masked:
             covariance[6:, 6:] += np.diag(UNSEEN_MOUTH_SD**2)
         if self.camera.focal_log_sd > 0:
