@@ -77,6 +77,13 @@ def test_every_frame_has_its_estimate(folder: Path) -> None:
     assert [estimate.status.success for _, estimate in pairs] == [index in SEEN for index in range(FRAMES)]
 
 
+def test_a_folder_has_the_frame_rate_that_is_given(folder: Path) -> None:
+    times = [estimate.time for _, estimate in mien.stream(folder, fps=10)]
+    assert times == pytest.approx(np.arange(FRAMES) / 10)
+    with pytest.raises(MienError, match="fps is 0"):
+        mien.stream(folder, fps=0)
+
+
 def test_a_face_at_the_side_is_learned_as_a_camera_sees_it_that_looks_at_it(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,7 +22,7 @@ from mien.initialization.landmarks import Landmarks
 from mien.registry import checked, create_tracker, file_of
 from mien.tracking.paper import PaperTracker
 from mien.tracking.realtime import RealtimeTracker
-from mien.tracking.state import Estimate, Status, TrackedLandmarks
+from mien.tracking.state import Closing, Estimate, Status, TrackedLandmarks
 from small_motion import face
 from videos import portrait_images, write_video
 
@@ -206,6 +206,9 @@ def test_an_estimate_belongs_to_its_frame() -> None:
         ({"mm_per_unit": float("nan")}, "nan millimetres per unit, which is no positive number"),
         ({"mm_per_unit": None}, "None millimetres per unit"),
         ({"reason": None}, "the reason None, which is no text"),
+        ({"closing": 0.5}, "the closing 0.5, which is no mien.Closing of finite numbers"),
+        ({"closing": Closing(0.5, float("nan"))}, r"the closing Closing\(.*nan\), which is no mien.Closing"),
+        ({"landmarks": [[1, 2]]}, r"the landmarks \[\[1, 2\]\], which are no mien.TrackedLandmarks"),
         ({"landmarks": TrackedLandmarks((np.int64(3),), np.zeros((1, 2)))}, "the names .*3.*, which are not all text"),  # type: ignore[arg-type]
         ({"landmarks": TrackedLandmarks(("tip",), np.zeros(2))}, r"1 landmarks whose image is no array \(1, 2\)"),
         ({"landmarks": TrackedLandmarks(("tip",), np.zeros((1, 2)), np.zeros((2, 3)))}, "whose camera is no array"),

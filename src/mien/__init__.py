@@ -17,13 +17,14 @@ if TYPE_CHECKING:  # for editors and type checkers only; at run time `__getattr_
     from mien.live import stream
     from mien.output.track import Track
     from mien.pipeline.track import track
-    from mien.tracking.state import EXPRESSION_NAMES, Estimate, Status, Tracker
+    from mien.tracking.state import EXPRESSION_NAMES, Closing, Estimate, Status, TrackedLandmarks, Tracker
 
 # Loaded on first use, so that `import mien` and `mien --help` stay fast.
 _HOME = {
     "EXPRESSION_NAMES": "mien.tracking.state",
     "Camera": "mien.geometry.camera",
     "Candide": "mien.candide.model",
+    "Closing": "mien.tracking.state",
     "Estimate": "mien.tracking.state",
     "Frame": "mien.frame",
     "Landmarks": "mien.initialization.landmarks",
@@ -31,6 +32,7 @@ _HOME = {
     "MienWarning": "mien.errors",
     "Status": "mien.tracking.state",
     "Track": "mien.output.track",
+    "TrackedLandmarks": "mien.tracking.state",
     "Tracker": "mien.tracking.state",
     "stream": "mien.live",
     "track": "mien.pipeline.track",
@@ -40,6 +42,7 @@ __all__ = [
     "EXPRESSION_NAMES",
     "Camera",
     "Candide",
+    "Closing",
     "Estimate",
     "Frame",
     "Landmarks",
@@ -47,6 +50,7 @@ __all__ = [
     "MienWarning",
     "Status",
     "Track",
+    "TrackedLandmarks",
     "Tracker",
     "__version__",
     "stream",

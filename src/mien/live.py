@@ -36,15 +36,16 @@ def stream(
     camera: Camera | str | Path | None = None,
     focal_px: float | None = None,
     fov_deg: float | None = None,
+    fps: float | None = None,
     face: Point | None = None,
     anew_after: float = math.inf,
 ) -> Generator[tuple[Frame, Estimate], None, None]:
     """Yield every frame of a camera (its number), a video file, a folder of images or an iterable of `mien.Frame` with
     its estimate, as soon as it is available.
 
-    preset, camera, focal_px, fov_deg: as for `mien.track`. The face is learned from the first frame in which it looks
-    into the camera or, after three seconds of waiting, as it is. face: a point of the image, in pixels, where the face
-    must be that is learned, as of one of two people; by default the largest.
+    preset, camera, focal_px, fov_deg, fps: as for `mien.track`. The face is learned from the first frame in which it
+    looks into the camera or, after three seconds of waiting, as it is. face: a point of the image, in pixels, where the
+    face must be that is learned, as of one of two people; by default the largest.
     anew_after: seconds after which a face that is lost, or looks like someone else's, is given up and any face then in
     view is learned instead; its first estimate has the status INITIALIZED. What it returns has a `close`, which frees
     the camera, as the end of the loop does.
@@ -56,7 +57,7 @@ def stream(
     require(valid, f"anew_after is {anew_after!r}; give a number of seconds")
     face = face if face is None else as_point(face)
     first = create_tracker(preset)  # report bad arguments now, not when the first frame is requested
-    footage = Footage(open_video(video), camera, focal_px, fov_deg)
+    footage = Footage(open_video(video, fps), camera, focal_px, fov_deg, fps=fps)
     return _interruptible(_stream(footage, preset, first, face, anew_after))
 
 

@@ -22,7 +22,7 @@ from mien.errors import MienError, require
 from mien.files import user_path
 from mien.frame import Frame
 from mien.geometry.rotation import is_rotation
-from mien.tracking.state import STATE_NAMES, Estimate, Status, TrackedLandmarks, Tracker
+from mien.tracking.state import STATE_NAMES, Closing, Estimate, Status, TrackedLandmarks, Tracker
 
 if TYPE_CHECKING:
     from mien.config import Settings
@@ -148,6 +148,10 @@ def _fault(estimate: Estimate) -> str | None:
             return f"no array {shape} of finite numbers as {name}, but {_found(values, shape)}"
     if estimate.covariance is not None and np.diag(estimate.covariance).min() < 0:
         return f"a covariance with the negative variance {np.diag(estimate.covariance).min():g}"
+    if not (estimate.closing is None or _is_closing(estimate.closing)):
+        return f"the closing {reprlib.repr(estimate.closing)}, which is no mien.Closing of finite numbers"
+    if not isinstance(estimate.landmarks, TrackedLandmarks | None):
+        return f"the landmarks {reprlib.repr(estimate.landmarks)}, which are no mien.TrackedLandmarks"
     return None if estimate.landmarks is None else _fault_of_landmarks(estimate.landmarks)
 
 
@@ -161,6 +165,11 @@ def _fault_of_landmarks(landmarks: TrackedLandmarks) -> str | None:
         if not _is_array(values, shape) and (values is not None or name == "image"):
             return f"{n} landmarks whose {name} is no array {shape}, but {_found(values, shape)}"
     return None
+
+
+def _is_closing(value: object) -> bool:
+    """Whether this is how far the eyes have closed."""
+    return isinstance(value, Closing) and all(isinstance(v, Real) and math.isfinite(v) for v in (value.share, value.sd))
 
 
 def _is_array(values: object, shape: tuple[int, ...]) -> bool:

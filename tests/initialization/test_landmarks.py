@@ -98,6 +98,13 @@ def test_bad_values_are_refused() -> None:
         Landmarks(points, "candide26", source="face.json")
     with pytest.raises(MienError, match=r"face\.json: its frame has the time -inf s"):
         Landmarks(np.zeros((26, 2)), "candide26", time=-np.inf, source="face.json")
+    for wrong in ({"frame_index": None}, {"time": "soon"}, {"disagreement": "little"}, {"frame_index": np.inf}):
+        with pytest.raises(
+            MienError, match=r"face\.json: the frame's index, its time or the disagreement is no number"
+        ):
+            Landmarks(np.zeros((26, 2)), "candide26", source="face.json", **wrong)  # type: ignore[arg-type]
+    with pytest.raises(MienError, match=r"face\.json: the `graphics` are <class 'str'>; remove them"):
+        Landmarks(np.zeros((26, 2)), "candide26", source="face.json", graphics="a logo")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("depths", [[1.0, 2.0], [float("nan")] * 26, ["deep"] * 26])

@@ -422,6 +422,30 @@ class Live:
             yield frame
 
 
+@dataclass
+class Counted(Live):
+    """A video that can be read again, and counts its readings that have not ended."""
+
+    repeatable: bool = True
+    readings: int = 0
+
+    def __iter__(self) -> Iterator[Frame]:
+        self.readings += 1
+        try:
+            yield from self.frames
+        finally:
+            self.readings -= 1
+
+
+def test_the_search_leaves_no_reading_open(detector: set[int], turning: SyntheticSequence) -> None:
+    """A file that is open keeps a decoder and its threads."""
+    video = Counted(turning.frames)
+    begin = prepare(Footage(video, face().camera))
+    assert begin.first.index > 0
+    assert video.readings == 0
+    assert next(begin.frames) is turning.frames[0]
+
+
 def test_landmarks_that_are_given_are_those_of_the_beginning(
     detector: set[int], turning: SyntheticSequence, video: Path
 ) -> None:

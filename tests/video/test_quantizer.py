@@ -44,6 +44,19 @@ def test_it_changes_with_the_video(tmp_path: Path) -> None:
     assert coarse > 5 * fine
 
 
+@pytest.mark.parametrize("late_ms", [0, 2000, 100_000])
+def test_a_file_may_start_late(late_ms: int, tmp_path: Path) -> None:
+    """Its time stamps do not count from there."""
+    how = {"x264-params": "zones=0,49,q=20/50,99,q=38:keyint=25:scenecut=0:aq-mode=0:mbtree=0"}
+    images, times = (gradient(k) for k in range(100)), range(late_ms, late_ms + 4000, 40)
+    path = write_video(tmp_path / "x.ts", images, codec="libx264", pix_fmt="yuv420p", times_ms=times, options=how)
+    fine, coarse = _step(path, 20), _step(path, 70)
+    assert fine is not None
+    assert coarse is not None
+    assert fine < 0.3 * coarse
+    assert fine == pytest.approx(2 ** ((20 - 4) / 6), rel=0.5)
+
+
 def test_a_key_frame_that_seeking_misses_is_found(tmp_path: Path) -> None:
     """In a transport stream it leads to the next one, and here there is none."""
     path = write_video(tmp_path / "x.ts", portrait_images(4), codec="mpeg2video", pix_fmt="yuv420p")

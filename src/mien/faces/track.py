@@ -132,11 +132,12 @@ def _prepare(seen: Sighting, footage: Footage, at_once: bool) -> Start | None:
     """The start of tracking a detected face, from one detection interval earlier on; None if a closer look does not
     find it."""
     x, y = seen.centre.tolist()
-    try:
-        begin = prepare(footage.since(seen.time), at_once=at_once, face=(x, y))
-    except MienError as error:
-        warn(f"{error}; it is skipped")
-        return None
+    with closing(footage.since(seen.time)) as rest:
+        try:
+            begin = prepare(rest, at_once=at_once, face=(x, y))
+        except MienError as error:
+            warn(f"{error}; it is skipped")
+            return None
     return _within(begin, footage)
 
 

@@ -179,8 +179,12 @@ class Landmarks:
     marked: Mapping[str, Array] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frame_index", int(self.frame_index))  # as a file takes them
-        object.__setattr__(self, "time", float(self.time))
+        try:
+            object.__setattr__(self, "frame_index", int(self.frame_index))  # as a file takes them
+            object.__setattr__(self, "time", float(self.time))
+            object.__setattr__(self, "disagreement", None if self.disagreement is None else float(self.disagreement))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise MienError(f"{self.source}: the frame's index, its time or the disagreement is no number") from error
         for name in ("points", "depths"):
             if getattr(self, name) is not None:
                 try:
@@ -200,6 +204,10 @@ class Landmarks:
         require(
             self.depths is None or (self.depths.shape == (count,) and bool(np.isfinite(self.depths).all())),
             f"{self.source}: `depths` must have one finite number per point; correct or remove it",
+        )
+        require(
+            isinstance(self.graphics, Graphics | None),
+            f"{self.source}: the `graphics` are {type(self.graphics)}; remove them",
         )
         if self.marked is not None:
             require(

@@ -108,8 +108,12 @@ def prepare(
         require(landmarks is None, "landmarks are given, which already say where the face is; omit its point")
         require_inside(face, earliest)
     if landmarks is None:
-        return _begin_with_a_face(opening, report, show)
-    return _begin_with_landmarks(opening, landmarks, report)
+        begin = _begin_with_a_face(opening, report, show)
+    else:
+        begin = _begin_with_landmarks(opening, landmarks, report)
+    if footage.repeatable and begin.first is not earliest:  # they are read again
+        frames.close()
+    return begin
 
 
 @dataclass(frozen=True)

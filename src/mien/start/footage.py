@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -44,7 +44,7 @@ class Footage:
     def __post_init__(self) -> None:
         check_options(self)
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Generator[Frame, None, None]:
         """The frames of this part, decoded from the beginning; see `select`."""
         self._read.append(select(self.video, self.start, self.end))
         return self._read[-1]
@@ -55,10 +55,8 @@ class Footage:
             frames.close()
 
     def since(self, start: float) -> Footage:
-        """The rest of it, from a time in seconds on; its reading ends with that of the whole."""
-        rest = replace(self, start=start)
-        vars(rest)["_read"] = self._read
-        return rest
+        """The rest of it, from a time in seconds on, which is to be closed by itself."""
+        return replace(self, start=start)
 
     @property
     def frame_count(self) -> int | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from itertools import cycle, islice, takewhile
 
@@ -212,21 +212,22 @@ def best_look(
     first one to that, and what stands still before the face. After a cut, the same place may show another face."""
     from mien.initialization.detector import follow
 
-    uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(footage.since(first.time)))
-    later = (frame for _, frame in islice(uncut, 1, None))
     fit = fit_first_frame(landmarks, camera)
     looks, details, facing = [landmarks], [detail(first, landmarks)], turned_deg(fit.R, fit.t) <= TURNED_DEG
     still = StillSearch(first, landmarks)
     until = first.time + (_LOOK_SECONDS if facing else _SEARCH_SECONDS)
-    in_time = takewhile(lambda frame: frame.time < until, later)
-    for frame, face in follow(landmarks, in_time):
-        if not face.are_trackable(frame.width, frame.height):
-            continue
-        looks.append(face)
-        details.append(detail(frame, face))
-        still.add(frame, face)
-        if not facing and turn_of(face, landmarks, camera, fit.R, fit.t) <= TURNED_DEG:
-            facing, until = True, face.time + _LOOK_SECONDS
+    with closing(footage.since(first.time)) as rest:
+        uncut = takewhile(lambda shot: shot[0] == 0, sampled_frames(rest))
+        later = (frame for _, frame in islice(uncut, 1, None))
+        in_time = takewhile(lambda frame: frame.time < until, later)
+        for frame, face in follow(landmarks, in_time):
+            if not face.are_trackable(frame.width, frame.height):
+                continue
+            looks.append(face)
+            details.append(detail(frame, face))
+            still.add(frame, face)
+            if not facing and turn_of(face, landmarks, camera, fit.R, fit.t) <= TURNED_DEG:
+                facing, until = True, face.time + _LOOK_SECONDS
     errors = expected_errors(looks, details, camera, fit.R, fit.t)
     best, looks = _confirmed_best(first, looks, errors, footage)
     return best, looks, still.graphics()

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -84,7 +84,7 @@ class VideoFile:
 
         Decoding starts at the key frame before `begin`; in some containers seeking misses it, and frames are missing.
         """
-        display, clock = Display(partial(quantizer_step, self.path)), Clock(self.name, math.nan)
+        display, clock = self._display(), Clock(self.name, math.nan)
         for image in decoded_images(self.path, begin):
             time = math.nan if image is None else clock.time_of(*self._stated(image))
             if not time <= until:
@@ -93,7 +93,7 @@ class VideoFile:
                 yield Frame(Decoded(image, display, self.aspect), time=time)
 
     def _frames(self) -> Iterator[Frame]:
-        display = Display(partial(quantizer_step, self.path))
+        display = self._display()
         count, incomplete, invented, clock = 0, False, False, Clock(self.name, self.begin)
         for image in decoded_images(self.path):
             if image is None:
@@ -120,6 +120,11 @@ class VideoFile:
         elif self.may_jump and clock.missing > _MISSING_S:
             where = f"the first after {clock.missing_from:.2f} s"
             warn(f"{self.path}: {clock.missing:.2f} s of it have no frames, {where}; it may be damaged, or cut")
+
+    def _display(self) -> Display:
+        """What its images share. They tell the container's time; here it counts from where the file starts."""
+        start = float(self.start)
+        return Display(lambda time: quantizer_step(self.path, time - start))
 
     def _stated(self, image: Any) -> tuple[float | None, float]:
         """When an image is shown, None if that is not stated, and for how long, in seconds."""
