@@ -129,7 +129,7 @@ def noted(run: Run) -> Frames:
     ) -> Array:
         R, seen_from = pose.R, pose.seen_from
         without = replace(relief, sd=0.0, lean=0.0)  # the shape's part
-        no_axes = Reference(first.R, first.ray, np.zeros(3), first.covered)
+        no_axes = Reference(first.R, first.line_of_sight, np.zeros(3), first.covered)
         turn, axes = R @ np.cross(seen_from, first.seen_from), (R - first.R) * first.axes_sd
         other = np.trace(uncertainty.systematic_covariance(R, seen_from, no_axes, without)) / max(turn @ turn, 1e-12)
         share = max(seen, uncertainty.LEAST_SEEN)

@@ -3,7 +3,7 @@ background, lit from one side, with noise."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,8 @@ from mien.geometry.rotation import FACING, matrix_from_euler
 SUPERSAMPLING = 3
 CENTIMETRES = 10.0
 """Of one of MakeHuman's units."""
+EYES_APART = 0.6
+"""Distance of a grown person's eyes, in these units: children are filmed from so near that theirs are as far apart."""
 FROM_EYES = (0.0, -0.25, -0.75)
 """From the middle of the eyes to the origin of the head's axes, between the ears, in MakeHuman's units."""
 LENS_TINT = 0.15
@@ -61,7 +63,7 @@ class Character:
     sex: str
     age: str
     brows: str
-    hair: str
+    hair: str | None
     beard: str | None = None
     spectacles: bool = False
 
@@ -75,22 +77,33 @@ PEOPLE = {
     "grandmother": Character("caucasian", "female", "old", "eyebrow010", "curly2", spectacles=True),
 }
 
+CHILDREN = {
+    "infant": Character("caucasian", "male", "baby", "eyebrow001", None),
+    "toddler": Character("african", "female", "baby", "eyebrow004", "short02"),
+    "girl": Character("asian", "female", "child", "eyebrow003", "ponytail01"),
+    "boy": Character("caucasian", "male", "child", "eyebrow001", "short02"),
+}
 
-def named() -> list[tuple[str, Character, bool, int]]:
-    """Everybody, and whoever wears spectacles once more without them: a name, the character, whether they are worn, and
-    the seed of the shape."""
-    worn = [(name, who, who.spectacles, seed) for seed, (name, who) in enumerate(PEOPLE.items())]
+
+def named(people: Mapping[str, Character] = PEOPLE) -> list[tuple[str, Character, bool, int]]:
+    """All of these people, and whoever wears spectacles once more without them: a name, the character, whether they
+    are worn, and the seed of the shape."""
+    worn = [(name, who, who.spectacles, seed) for seed, (name, who) in enumerate(people.items())]
     return worn + [(f"{name}-bare", who, False, seed) for name, who, spectacles, seed in worn if spectacles]
 
 
 class Person:
-    """A character with a body (V, 3) of its own and what covers it; origin (3,), axes (3, 3): of its head."""
+    """A character with a body (V, 3) of its own and what covers it; origin (3,), axes (3, 3): of its head; centimetres:
+    of one of MakeHuman's units."""
 
     def __init__(
         self, source: MakeHuman, who: Character, profile: Array, rng: np.random.Generator, spectacles: bool
     ) -> None:
         """profile: of `rendered_profile`."""
         self.body = source.body + source.target(f"macrodetails/{who.ethnicity}-{who.sex}-{who.age}")
+        grown = who.age in ("young", "old")
+        if not grown:
+            self.body += source.target(f"macrodetails/universal-{who.sex}-{who.age}-averagemuscle-averageweight")
         for weight, (more, less) in zip(rng.normal(0, SHAPE_SD, len(SHAPES)), SHAPES, strict=True):
             shape = more if weight > 0 else less
             self.body = self.body + abs(weight) * source.target(f"{shape.split('-')[0]}/{shape}")
@@ -100,20 +113,22 @@ class Person:
         }
         eyes = source.proxy("eyes/Low-Poly", f"textures/{'blue' if who.ethnicity == 'caucasian' else 'brown'}_eye.png")
         self.parts = [
-            source.skin(f"{who.age}_{who.ethnicity}_{who.sex}"),
+            source.skin(f"{who.age if grown else 'young'}_{who.ethnicity}_{who.sex}"),
             eyes,
             source.proxy("teeth/Teeth_Base"),
             source.proxy(f"eyebrows/{who.brows}"),
-            source.proxy(f"hair/{who.hair}"),
         ]
-        if who.beard:
-            self.parts.append(source.proxy(f"hair/{who.beard}"))
+        self.parts += [source.proxy(f"hair/{grows}") for grows in (who.hair, who.beard) if grows]
         if spectacles:
             worn = source.proxy("clothes/glasses")
             opacity = worn.texture[:, :, 3]
             opacity[opacity < 250] *= LENS_TINT
             self.parts.append(worn)
-        self.origin = eyes.vertices(self.body).mean(axis=0) + FROM_EYES
+        pupils = eyes.vertices(self.body)
+        left = pupils[:, 0] > 0
+        apart = np.linalg.norm(pupils[left].mean(axis=0) - pupils[~left].mean(axis=0))
+        self.centimetres = CENTIMETRES if grown else CENTIMETRES * EYES_APART / apart
+        self.origin = pupils.mean(axis=0) + np.array(FROM_EYES) * CENTIMETRES / self.centimetres
         self.axes = upright(self.body[np.array(PROFILE)].mean(axis=1)[:, 1:], profile)
 
     def picture(self, weights: dict[str, float], R: Array, t: Array, lamp: Array, studio: Studio) -> Float32:
@@ -121,7 +136,7 @@ class Person:
         body = self.body + sum(weight * self.shapes[shape] for shape, weight in weights.items())
         image, depth = studio.background.copy(), np.full(studio.background.shape[:2], np.inf, np.float32)
         for part in self.parts:
-            X = (part.vertices(body) - self.origin) * CENTIMETRES
+            X = (part.vertices(body) - self.origin) * self.centimetres
             draw(part, X @ (R @ self.axes).T + t, lamp, studio.camera, image, depth)
         return image
 

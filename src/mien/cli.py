@@ -222,9 +222,10 @@ def track(
     from mien.faces import track_faces
     from mien.output.destination import Destination, require_new, require_no_other_video
     from mien.pipeline.track import track as track_video
+    from mien.video.source import is_camera_number
 
     table = _output_path(output, _stem(video) + ".csv")
-    if _is_camera(video):
+    if is_camera_number(video):
         require_new(Destination(table, overlay).paths())
     elif output is None or table != Path(output):  # nobody chose this name
         require_no_other_video(table, Path(video))
@@ -405,14 +406,12 @@ def report(
     print_written([commands.report(directory, form, protocol)])
 
 
-def _is_camera(video: str) -> bool:
-    return video.isdecimal() and not Path(video).exists()
-
-
 def _stem(video: str) -> str:
     """The name for the results of a video: the stem of the file, the name of the folder, or of a camera, whose
     recordings cannot be made again, a new one each time: `camera-0-2024-02-29-18-05-09`."""
-    if _is_camera(video):
+    from mien.video.source import is_camera_number
+
+    if is_camera_number(video):
         return f"camera-{video}-{datetime.now():%Y-%m-%d-%H-%M-%S}"
     path = Path(video)
     return path.resolve().name if path.is_dir() else path.stem

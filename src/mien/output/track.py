@@ -107,7 +107,7 @@ class Track:
 
     @cached_property
     def confidence(self) -> Array:
-        """(n,) probability in [0, 1] that the rotation error is below 5 degrees."""
+        """(n,) probability in [0, 1] that the rotation is right to 5 degrees and the face the one that was learned."""
         return self._numbers("confidence")
 
     @cached_property
@@ -142,7 +142,7 @@ class Track:
 
     @cached_property
     def animation(self) -> Array | None:
-        """(n, 6) in the order of `TRACKED_UNITS`."""
+        """(n, 6) in the order of `EXPRESSION_NAMES`, without the last."""
         return self._matrix(TRACKED_UNITS)
 
     @cached_property

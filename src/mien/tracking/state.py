@@ -90,9 +90,10 @@ class Estimate(_Protected):
     of `EXPRESSION_NAMES`, without the last; covariance: (12, 12) of `[w, t, a]`, with w the rotation vector in camera
     axes that corrects what has turned since the first frame, whose own error is not in it; landmarks: `image` (n, 2) in
     pixels, `camera` (n, 3) in CANDIDE units, `visibility` (n,), and their `names`, see `TrackedLandmarks`; confidence
-    in [0, 1]: the probability that the rotation is right to 5 degrees; mm_per_unit: millimetres of a CANDIDE unit;
-    reason: why the face is lost; closing: `share` and `sd` of how far the eyes have closed, see `Closing`;
-    model_rotation: (3, 3) from the axes of the model, which stay while those of the head are learned, to the camera's.
+    in [0, 1]: the probability that the rotation is right to 5 degrees and the face the one that was learned;
+    mm_per_unit: millimetres of a CANDIDE unit; reason: why the face is lost; closing: `share` and `sd` of how far the
+    eyes have closed, see `Closing`; model_rotation: (3, 3) from the axes of the model, which stay while those of the
+    head are learned, to the camera's.
     What a tracker does not estimate is None, and no array can be written to.
     """
 

@@ -81,6 +81,11 @@ def check_fps(fps: float | None) -> None:
     )
 
 
+def is_camera_number(source: str) -> bool:
+    """Whether this is the number of a camera, and not the name of a file or folder."""
+    return source.isdecimal() and not user_path(source).exists()
+
+
 def _opened(source: Source, fps: float | None) -> Video:
     """The video of a source; see `open_video`."""
     number = isinstance(source, Integral) and not isinstance(source, bool)
@@ -92,7 +97,7 @@ def _opened(source: Source, fps: float | None) -> Video:
     )
     require(str(source) != "", "the name of the video is empty; give a file, a folder of images or a camera's number")
     path = user_path(str(source))
-    if number or (str(source).isdecimal() and not path.exists()):
+    if number or is_camera_number(str(source)):
         return CameraDevice(int(str(source)))
     require(
         "://" not in str(source), f"{source} is not a file; read the stream yourself and pass frames to mien.stream"

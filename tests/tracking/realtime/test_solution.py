@@ -11,7 +11,7 @@ from mien.arrays import Array, Mask
 from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Noise
-from mien.tracking.realtime.order import largest_of_best
+from mien.tracking.realtime.order import median
 from mien.tracking.realtime.solution import Pose, Solution
 
 LANDMARKS, N, MOST = len(LANDMARK_NAMES), 33, 60.0
@@ -57,5 +57,5 @@ def test_a_face_of_which_nothing_is_seen() -> None:
 
 def test_a_grimace_of_less_than_half_of_the_face_leaves_the_best_half_as_it_is() -> None:
     grimace = np.arange(26)
-    assert largest_of_best(np.where(grimace < 12, 55.0, 10.0)) == 10
-    assert largest_of_best(np.where(grimace < 13, 55.0, 10.0)) == 55
+    assert median(np.where(grimace < 12, 55.0, 10.0)) == 10
+    assert median(np.where(grimace < 13, 55.0, 10.0)) == 55

@@ -390,6 +390,8 @@ def test_an_unknown_camera_makes_what_it_shows_less_certain() -> None:
     assert unknown.covariance is not None
     more = unknown.covariance - known.covariance
     np.testing.assert_array_equal(unknown.rotation, known.rotation)
-    np.testing.assert_allclose(more[:6, :6], focal_covariance(tracker.pose.t, tracker.axes.first.ray, 0.35), atol=1e-12)
+    np.testing.assert_allclose(
+        more[:6, :6], focal_covariance(tracker.pose.t, tracker.axes.first.line_of_sight, 0.35), atol=1e-12
+    )
     assert np.all(more[6:] == 0)
     assert unknown.confidence < known.confidence

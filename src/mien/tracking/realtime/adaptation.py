@@ -73,7 +73,8 @@ class Adaptation:
             slope[strange] += by_angle * residual
 
     def learn_view(self, angles: Array, residual: Float32, strange: Mask) -> None:
-        """The same for a face that has turned away from the first frame's view."""
+        """Eq. (7) for a face that has turned away from the first frame's view, at a tilt and pan (2,), for the k
+        landmarks that are `strange` (n,), with their residual (k, 128)."""
         self.begun = True
         near = _neighbours(angles - self.first, self.near)
         missing = (1 - self.share(angles)) * strange

@@ -76,7 +76,7 @@ _PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1),
 _TEMPLATE = Template(_single(2), _array(1), _single(3), _array(3), _array(3))
 _PATCHES = (_single(2), _array(1), _array(1))
 _SEEN = _array(1, np.bool_)
-_POINT = (0.0, 0.0)
+_CLOSING = (0.0, 0.0)
 
 Kernel = tuple[Any, tuple[Any, ...]]
 """A kernel, and examples of what tracking calls it with."""
@@ -108,7 +108,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (adaptation._share, (_array(1), 0.0, _single(2))),
     (adaptation._neighbours, (_array(1), 0.0)),
     (adaptation._mean_of, (_single(1), _SEEN)),
-    (order.largest_of_best, (_array(1),)),
+    (order.median, (_array(1),)),
     (solution._judge, (_array(1), _array(1), 0.0, _SEEN, _array(1), 0.0, 1)),
     (covers._updated, ((_SEEN, _SEEN), _array(1), _SEEN, _array(1), (_SEEN, _SEEN, _array(2, np.bool_)), 1)),
     (uncertainty.visibility, (_array(1), _SEEN, _array(1), _SEEN)),
@@ -119,7 +119,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (pose_geometry.in_camera, (_PERSON, _POSE)),
     (pose_geometry.step_back, (_POSE, _array(1))),
     (pose_geometry.step_between, (*_POSE, *_POSE)),
-    (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _POINT, _array(1))),
+    (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _CLOSING, _array(1))),
     (patch_history._agreement, (_PATCHES, _PATCHES, _array(1), _array(1))),
     (eyes._closing_moments, (_array(2), 0.0)),
     (eyes._gram_matrix, (_single(2), _single(3), _SEEN)),

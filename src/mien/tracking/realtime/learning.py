@@ -84,10 +84,10 @@ def learn_face(
     eyes = tuple(_with_eyes(part, pixels, draw, share) for draw, share in _EYES)
     background = _around(part.gray)
     noise = noise_sd(part.gray)
-    posed = _PosedFace(part, eyes, background, noise, surface, (points - fit.t) @ fit.R, normals, fit, near)
-    coarse = _learn_level(posed, settings.coarse, settings.views.coarse_per_angle, settings)
-    fine = _learn_level(posed, settings.descriptor, settings.views.per_angle, settings)
-    neutral = posed.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
+    first = _FirstFace(part, eyes, background, noise, surface, (points - fit.t) @ fit.R, normals, fit, near)
+    coarse = _learn_level(first, settings.coarse, settings.views.coarse_per_angle, settings)
+    fine = _learn_level(first, settings.descriptor, settings.views.per_angle, settings)
+    neutral = first.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = _around_each(points, _patches(len(points), settings.motion), surface, fit, camera)
     chin, upper_lip, *corners = (
         _around_each(points[[region.carrier]], _in_image(region.offsets, fit.R), surface, fit, camera)[0]
@@ -97,7 +97,7 @@ def learn_face(
 
 
 @dataclass(frozen=True)
-class _PosedFace:
+class _FirstFace:
     """The face of the first frame: points and normals (n, 3) in head axes; the part of the frame that shows it, as it
     is and with the eyes moved as `_EYES` says, its camera, the grey value behind it, and the standard deviation of its
     noise."""
@@ -114,7 +114,7 @@ class _PosedFace:
 
 
 @dataclass(frozen=True)
-class _Posed:
+class _InViews:
     """The face in one or more views: rotations R (..., 3, 3), surface (..., V, 3) and landmarks (..., n, 3) in camera
     axes, and where these are in the image, pixels (..., n, 2)."""
 
@@ -123,9 +123,9 @@ class _Posed:
     points: Array
     pixels: Array
 
-    def of(self, view: tuple[int, ...]) -> _Posed:
+    def of(self, view: tuple[int, ...]) -> _InViews:
         """One of the views."""
-        return _Posed(self.R[view], self.vertices[view], self.points[view], self.pixels[view])
+        return _InViews(self.R[view], self.vertices[view], self.points[view], self.pixels[view])
 
 
 class _ViewRenderer:
@@ -135,7 +135,7 @@ class _ViewRenderer:
     its optical axis, since what a view shows depends on the ray to the head, and not on its position.
     """
 
-    def __init__(self, face: _PosedFace, descriptor: DescriptorSettings) -> None:
+    def __init__(self, face: _FirstFace, descriptor: DescriptorSettings) -> None:
         fit, d = face.fit, descriptor
         self.face, self.descriptor, self.distance = face, d, float(np.linalg.norm(fit.t))
         frames = (face.frame, *face.eyes)
@@ -145,12 +145,12 @@ class _ViewRenderer:
         self.size = round(CROP_UNITS * d.pixels_per_unit)
         self.camera = Camera.centred(d.pixels_per_unit * self.distance, self.size, self.size)
 
-    def posed(self, R: Array) -> _Posed:
+    def posed(self, R: Array) -> _InViews:
         """The face at rotations R (..., 3, 3)."""
         turned = np.swapaxes(R, -1, -2)
         t = (np.array([0, 0, self.distance]) - R @ CENTRE)[..., None, :]
         points = self.face.points @ turned + t
-        return _Posed(R, self.head @ turned + t, points, self.camera.project(points)[0])
+        return _InViews(R, self.head @ turned + t, points, self.camera.project(points)[0])
 
     @property
     def scale(self) -> float:
@@ -159,7 +159,7 @@ class _ViewRenderer:
 
     def describe(
         self,
-        posed: _Posed,
+        posed: _InViews,
         texture: Texture,
         light: Array | None = None,
         noise: Float32 | None = None,
@@ -177,7 +177,7 @@ class _ViewRenderer:
         seen = of(drawn.image[:, :, 0])
         return seen, seen if light is None else of(drawn.lit[:, :, 0]), drawn.depth
 
-    def weight(self, posed: _Posed, behind: Array, s: RealtimeSettings) -> Array:
+    def weight(self, posed: _InViews, behind: Array, s: RealtimeSettings) -> Array:
         """How much views teach of each landmark, (..., n) in [0, 1]: nothing where it is hidden, little where it is
         seen edge-on. behind: (..., n) see `_depth_behind`."""
         points, normals, camera = posed.points, self.face.normals, (self.camera.vector, self.size, self.size)
@@ -223,7 +223,7 @@ class _Changes:
     contrast: float
 
 
-def _learn_level(face: _PosedFace, descriptor: DescriptorSettings, per_angle: int, s: RealtimeSettings) -> Level:
+def _learn_level(face: _FirstFace, descriptor: DescriptorSettings, per_angle: int, s: RealtimeSettings) -> Level:
     """The level of a resolution, from `per_angle` tilts and pans, which learns the one for a face that has turned aside
     when that is needed."""
     renderer, evenly = _ViewRenderer(face, descriptor), np.linspace(-1, 1, per_angle)
@@ -253,7 +253,7 @@ def _render_views(
     renderer: _ViewRenderer,
     tilts: Array,
     pans: Array,
-    posed: _Posed,
+    posed: _InViews,
     s: RealtimeSettings,
     lights: Array | None = None,
 ) -> tuple[_Views, Float32]:
@@ -289,7 +289,7 @@ def _mirrored_lights(tilts: int, pans: int, contrast: float) -> Array:
     return lights
 
 
-def _render_changes(renderer: _ViewRenderer, views: _Views, posed: _Posed, lit: Float32) -> _Changes:
+def _render_changes(renderer: _ViewRenderer, views: _Views, posed: _InViews, lit: Float32) -> _Changes:
     """What light changes in the views, whose descriptors in it are `lit` (k, l, n, 128), and eyes that move in some,
     rendered once more. Light goes into the covariance, not into the mean, which would depend on where it comes from in
     which view."""
@@ -331,7 +331,7 @@ def _regress(renderer: _ViewRenderer, views: _Views, changes: _Changes, s: Realt
     return Level(renderer.descriptor, renderer.size, appearance, moved_eyes, angles, views.behind, noise)
 
 
-def _depth_behind(posed: _Posed, depth: Float32) -> Array:
+def _depth_behind(posed: _InViews, depth: Float32) -> Array:
     """How far (n,) landmarks lie behind the surface in a view with this depth image (H, W); minus infinity where there
     is no surface."""
     last = np.array(depth.shape[::-1]) - 1
@@ -355,7 +355,7 @@ def _around(gray: Pixels) -> float:
     return float(np.concatenate([gray[0], gray[-1], gray[:, 0], gray[:, -1]]).mean())
 
 
-def _texture(face: _PosedFace, frame: Frame, pixels_per_unit: float) -> Texture:
+def _texture(face: _FirstFace, frame: Frame, pixels_per_unit: float) -> Texture:
     """The surface textured with the first frame, or with a picture made from it."""
     return texture_of_vertices(frame, face.surface.vertices, float(face.fit.t[2]), face.camera, pixels_per_unit)
 

@@ -145,9 +145,9 @@ class MouthSearch:
         likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, jaws)
         return [max(value, self.settings.chin_least) for value in likeness.tolist()]
 
-    def relaxed(self, view: View, best: Solution, predicted: Prediction) -> Solution:
+    def relaxed(self, view: View, best: Solution, last: Pose) -> Solution:
         """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and
-        with it the errors, until the mouth is too far away to be found."""
+        with it the errors, until the mouth is too far away to be found. last: the pose of the last frame."""
         s, mouth = self.settings, view.facing & self.person.mouth
         moved = np.abs(best.pose.animation - self.prior.rest)[MOVES_MOUTH]
         if max(moved.tolist()) <= s.moved:  # as in most frames; for a few numbers faster than NumPy
@@ -159,7 +159,7 @@ class MouthSearch:
         if self.strange_frames % s.interval != 1:
             return best
         rest = np.where(MOVES_MOUTH, self.prior.rest, best.pose.animation)
-        at_rest = self.prior.prediction(replace(best.pose, animation=rest), predicted.last)
+        at_rest = self.prior.prediction(replace(best.pose, animation=rest), last)
         alone = self.solver.solve(view.of_landmarks(mouth), at_rest.pose, at_rest)
         if (alone.d2[mouth] / usual).mean() > s.share * misfit:
             return best

@@ -20,8 +20,8 @@ def insert(value: float, ordered: Any, count: int) -> None:
 
 
 @kernel(fastmath={"contract"})
-def largest_of_best(values: Any) -> float:
-    """Largest of the smallest half of values (n,); infinite without any."""
+def median(values: Any) -> float:
+    """Median of values (n,), the upper one where two are in the middle; infinite without any."""
     ordered = np.empty(values.size)
     for i in range(values.size):
         insert(values[i], ordered, i)

@@ -64,7 +64,7 @@ up to 0.5 where somebody frowns."""
 class Person:
     """The shape and the appearance of n landmarks, and how far either is usually wrong.
 
-    neutral: (n, 3) landmarks at rest, units: (6, n, 3), in head axes; expected: (n,) squared distance of the usual
+    units: (6, n, 3) in head axes; expected: (n,) squared distance of the usual
     appearance; tolerance: (n,) factor of it at which a robust weight is a quarter; variance: (n, 4) of the systematic
     error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; brows, eyes, mouth,
     temples: (n,) which landmarks belong to these, to mouth and chin, whose appearance changes as they move, and to the
@@ -98,7 +98,6 @@ class Person:
             if before
             else ShapePosterior(face.neutral, face.normals, self.eyes | self.brows, fit.R, fit.t, s.shape)
         )
-        self.neutral = self.shape.mean
         self.look_covariance = LearnedCovariance(face.fine.appearance, s.covariance)
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s.adaptation)
         self.expected = np.full(n, s.weights.expected_distance)
@@ -114,6 +113,11 @@ class Person:
         self.covers = Covers(face.neutral, self.eyes, self.mouth, s.visibility)
         self.spectacles_evidence: float = before.spectacles_evidence if before else 0.0
         self.learned_shut = opening_of(dict(zip(TRACKED, face.neutral, strict=True))) < _SHUT
+
+    @property
+    def neutral(self) -> Array:
+        """(n, 3) landmarks at rest, head axes, as they are known now."""
+        return self.shape.mean
 
     @property
     def is_masked(self) -> bool:
@@ -272,9 +276,7 @@ class Person:
         weight = novelty * solution.w * (1 - share)
         at = solution.at
         Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, regularizer)
-        changed = self.shape.add(self.neutral, Lambda, gradient, novelty)
-        self.neutral = self.shape.mean
-        return changed
+        return self.shape.add(self.neutral, Lambda, gradient, novelty)
 
 
 @kernel()

@@ -23,6 +23,9 @@ from mien.tracking.realtime.pose_geometry import STATE_SIZE
 _ENOUGH = 0.12
 """Novelty of the information added since the mean was last found, at which it is found again: at poses that are known
 every few frames."""
+_NEAR_SHARE, _OPPOSITE_SHARE, _OWN_SHARE = 0.55, 0.2, 0.25
+"""Of the variance of a landmark's depth: what those near it share, what those of the other half of the face share with
+their mirror images, and what is its own."""
 _STEEPEST = 6.0
 """Slope of the surface beyond which its depth does not become less certain."""
 
@@ -165,7 +168,7 @@ def prior_covariance(neutral: Array, normals: Array, eyes: Mask, R: Array, t: Ar
     sd = np.hypot(settings.depth_sd, settings.slope_sd * slope)
     mirrored = neutral * [-1, 1, 1]
     near, opposite = (proximity(neutral, other, settings.depth_length) for other in (neutral, mirrored))
-    together = 0.55 * near + 0.2 * opposite + 0.25 * np.eye(n)
+    together = _NEAR_SHARE * near + _OPPOSITE_SHARE * opposite + _OWN_SHARE * np.eye(n)
     depth = together * np.outer(sd, sd) + settings.relief_sd**2 * np.outer(relief, relief)
     height = neutral[:, 1] - neutral[:, 1].mean()
     depth += settings.lean_sd**2 * np.outer(height, height)

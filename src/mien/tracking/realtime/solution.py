@@ -18,7 +18,7 @@ from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.definite import inverse_definite
 from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Level, Noise
-from mien.tracking.realtime.order import insert, largest_of_best
+from mien.tracking.realtime.order import insert, median
 from mien.tracking.realtime.pose_geometry import PoseArrays, ViewArrays
 
 _LEAST_LANDMARKS = 6
@@ -224,12 +224,12 @@ class Solution:
 
     @property
     def seen_share(self) -> float:
-        """Share of these of all landmarks."""
+        """Share of all landmarks that are `seen`."""
         return self._judged.seen_share
 
     @property
     def seen_d2(self) -> float:
-        """Their median squared distance; 0 without any."""
+        """Median squared distance of the landmarks that are `seen`; 0 without any."""
         return self._judged.seen_d2
 
     @property
@@ -240,7 +240,7 @@ class Solution:
 
     @property
     def best_misfit(self) -> float:
-        """The same for the best quarter of them, which may be all that something leaves of a face."""
+        """Lower quartile of what `misfit` is the median of: a quarter may be all that something leaves of a face."""
         return self._judged.best_misfit
 
     @property
@@ -251,12 +251,13 @@ class Solution:
 
     @property
     def best_d2(self) -> float:
-        """Largest squared distance of the best quarter of the same landmarks; infinite without any."""
+        """Lower quartile of `d2_without_noise` of the landmarks, without the anchors, that face the camera; infinite
+        without any."""
         return self._judged.best_d2
 
     def misfit_of(self, which: Mask) -> float:
         """`misfit` of the landmarks `which` (n,)."""
-        misfit: float = largest_of_best(self._judged.misfits[which])
+        misfit: float = median(self._judged.misfits[which])
         return misfit
 
 

@@ -126,23 +126,24 @@ class RealtimeTracker:
         self.motion = Motion(self.face.patches, self.person.mouth, s.prior.jaw, s.motion)
         self.identity = Identity(1.0 - self.person.temples)
         self.lost_frames = 0
-        settled = self._refine_first_pose(frame, landmarks.source)
+        settled = self._learn_first_pose(frame)
+        self._warn_of_what_is_hidden(frame, landmarks.source)
         self.recovery = Recovery(self.fit, self.pose, camera, self.solver, self.prior, s.recovery)
         self.recovery.keyframes.add(frame, self.fit.R, self.fit.t, self.fit.animation)
         covered = 0.0 if self.graphics is None else self.solver.share_behind_graphics(self.graphics, self.pose)
         sharp, rounding = self._quality(frame, landmarks.source)
         flat, worn = landmarks.depths is None, bool(self.person.worn.any())
-        R, ray = self.pose.R, self.pose.line_of_sight
-        first = Reference(R, ray, self.fit.axes_sd, covered, sharp, rounding, flat, worn)
+        sight = self.pose.line_of_sight
+        first = Reference(self.pose.R, sight, self.fit.axes_sd, covered, sharp, rounding, flat, worn)
         self.axes = HeadAxes(self.fit, first, self.person.shape, s.axes)
         self.landmark_offsets = self._landmark_offsets(landmarks)
         familiar = self._familiarity(settled)
         self.size = frame.width, frame.height
         return self._estimate(frame, Status.INITIALIZED, settled, familiar)
 
-    def _refine_first_pose(self, frame: Frame, source: str) -> Solution:
-        """Refine the pose that the landmarks gave by the learned appearance: later rotations are measured from it.
-        source: of the landmarks, for warnings."""
+    def _learn_first_pose(self, frame: Frame) -> Solution:
+        """Refine the pose that the landmarks gave by the learned appearance, as later rotations are measured from it,
+        and take note of what is seen there, and of what is worn."""
         for _ in range(3):
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
@@ -154,6 +155,11 @@ class RealtimeTracker:
             self.person.wear_glasses()
         if self.veiled.mouth:
             self.person.wear_mask()
+        return solution
+
+    def _warn_of_what_is_hidden(self, frame: Frame, source: str) -> None:
+        """Warn if the eyes or the mouth cannot be seen in the first frame. source: of its landmarks."""
+        if self.person.is_masked:
             warn(
                 f"{source}: the mouth cannot be seen at {frame.time:.2f} s, where the face is learned, as behind a "
                 "mask, so that nothing is known of what it does; begin where it is seen"
@@ -169,7 +175,6 @@ class RealtimeTracker:
                 f"{source}: the eyes cannot be seen at {frame.time:.2f} s, where the face is learned, as behind dark "
                 "glasses or reflections, so that eyes_closed is not estimated; begin where they are seen"
             )
-        return solution
 
     def _quality(self, frame: Frame, source: str) -> tuple[float, float]:
         """Sharpness of the face in the first frame, and to how many grey values it was rounded, see `Reference`; warns
@@ -230,12 +235,13 @@ class RealtimeTracker:
         if self.person.learn(solution, self.identity.patches.agreement):
             self.axes.learn(self.person.shape)
         keyframes = self.recovery.keyframes
-        if keyframes.is_new(self.pose.R):
-            keyframes.add(frame, self.pose.R, self.pose.t, self.pose.animation)
+        pose = solution.pose
+        if keyframes.is_new(pose.R):
+            keyframes.add(frame, pose.R, pose.t, pose.animation)
 
     def _familiarity(self, solution: Solution) -> float:
-        """`familiarity` of a solution that is the present pose."""
-        cosine = float(self.pose.seen_from @ self.axes.first.seen_from)
+        """`familiarity` of a solution."""
+        cosine = float(solution.pose.seen_from @ self.axes.first.seen_from)
         return familiarity(solution.best_d2, math.acos(min(max(cosine, -1.0), 1.0)))
 
     def _surroundings(self) -> float:
@@ -308,7 +314,7 @@ class RealtimeTracker:
         self.closing = self.person.closing(best, self.closing)
         if self._eyes_are_shut and not self.lost_frames and not self.solver.misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
-        best = self.mouth.relaxed(view, self.mouth.opened(view, best, moved), predicted)
+        best = self.mouth.relaxed(view, self.mouth.opened(view, best, moved), self.pose)
         return view, best if self.lost_frames else self._damp(predicted.pose, best)
 
     @property
@@ -343,28 +349,28 @@ class RealtimeTracker:
         self.identity.scene.remember(frame)
         self.step_covariance = solution.step_covariance
         seen = solution.facing * np.minimum(solution.w / TRUSTED, 1)
-        patches = self.motion.remember(view.image, self.person.arrays, self.pose.arrays, view.geometry)
+        patches = self.motion.remember(view.image, self.person.arrays, solution.pose.arrays, view.geometry)
         agreements = self.identity.patches.add(*patches, seen, frame.time)
         mouth = self.person.mouth
         self.visible = visibility(solution.d2_without_noise, solution.facing, self.identity.patches.agreement, mouth)
-        self.veiled = self._veiled(view, patches[1])
+        self.veiled = self._veiled(view, solution.pose, patches[1])
         self.visible[self.veiled.landmarks] = 0
         # A moving mouth soon looks unlike anything learned: while it is visible, its patches still show how it moves.
         self.motion.weight = np.maximum(seen, mouth * self.visible) * ~self.person.worn
         return agreements
 
-    def _veiled(self, view: View, norms: Array) -> Veiled:
+    def _veiled(self, view: View, pose: Pose, norms: Array) -> Veiled:
         """The eyes and the mouth that cannot be seen. norms: (n,) of the patches, see `Template`."""
         shown = view.all_facing, norms, 1 / math.sqrt(self.face.patches.shape[1])
-        arrays, pose = self.person.arrays, self.pose.arrays
-        return veiled_parts(view.image, arrays, pose, view.geometry, shown, self.settings.visibility)
+        arrays = self.person.arrays
+        return veiled_parts(view.image, arrays, pose.arrays, view.geometry, shown, self.settings.visibility)
 
-    @property
-    def _told_pose(self) -> Pose:
+    def _told_pose(self, solution: Solution) -> Pose:
         """The pose that is reported: the mouth at rest if it is never seen, as its units follow what it is behind."""
+        pose = solution.pose
         if not self.person.is_masked:
-            return self.pose
-        return replace(self.pose, animation=np.where(MOVES_MOUTH, self.first_animation, self.pose.animation))
+            return pose
+        return replace(pose, animation=np.where(MOVES_MOUTH, self.first_animation, pose.animation))
 
     @property
     def _told_closing(self) -> Closing | None:
@@ -380,7 +386,7 @@ class RealtimeTracker:
         return view, self.solver.solve(view, moved.pose, moved), moved
 
     def _estimate(self, frame: Frame, status: Status, solution: Solution, familiar: float) -> Estimate:
-        """The estimate of a frame: the present pose, its landmarks, covariance and confidence. familiar:
+        """The estimate of a frame: the pose of a solution, its landmarks, covariance and confidence. familiar:
         `familiarity`."""
         share = self.person.seen_share(solution)
         covariance = self._covariance(solution, share)
@@ -388,29 +394,29 @@ class RealtimeTracker:
             frame.index,
             frame.time,
             status,
-            rotation=self.axes.rotation(self.pose.R),
-            translation=self.pose.t,
-            animation=self._told_pose.animation,
+            rotation=self.axes.rotation(solution.pose.R),
+            translation=solution.pose.t,
+            animation=self._told_pose(solution).animation,
             covariance=covariance,
             landmarks=self._tracked_landmarks(solution),
             confidence=confidence(covariance, share, familiar, self.identity.probability),
             mm_per_unit=self.fit.mm_per_unit,
             closing=self._told_closing,
-            model_rotation=self.pose.R,
+            model_rotation=solution.pose.R,
         )
 
     def _tracked_landmarks(self, solution: Solution) -> TrackedLandmarks:
-        """The landmarks at the present pose, how visible they are, and how far from what was expected."""
+        """The landmarks at the pose of a solution, how visible they are, and how far from what was expected."""
         n = len(LANDMARK_NAMES)
         closing = self._told_closing
-        X, image = self._reported_landmarks(self._told_pose, closing.share if closing else 0.0)
+        X, image = self._reported_landmarks(self._told_pose(solution), closing.share if closing else 0.0)
         hidden = self.person.masked | self.person.eyes if self._eyes_are_shut else self.person.masked
         visible = np.where(hidden[:n], 0.0, self.visible[:n])
         distance = np.where(solution.facing[:n], np.sqrt(solution.d2[:n]), np.nan)
         return TrackedLandmarks(LANDMARK_NAMES, image, X, visible, distance)
 
     def _covariance(self, solution: Solution, share: float) -> Array:
-        """Covariance (12, 12) of the present pose, see `Estimate`. share: of the landmarks, `Person.seen_share`."""
+        """Covariance (12, 12) of the pose of a solution, see `Estimate`. share: `Person.seen_share`."""
         first, shape = self.axes.first, self.person.shape
         relief = ReliefError(
             shape.relief_sd,
@@ -418,11 +424,11 @@ class RealtimeTracker:
             learned=self.person.learned_share(solution),
             layer=self.person.layer(solution, first.seen_from),
         )
-        moved = self.pose.animation - self.first_animation
+        pose, moved = solution.pose, solution.pose.animation - self.first_animation
         spread, d2 = solution.step_covariance, solution.seen_d2
-        covariance = state_covariance(spread, d2, share, self.pose, moved, first, relief)
+        covariance = state_covariance(spread, d2, share, pose, moved, first, relief)
         if self.person.is_masked:
             covariance[6:, 6:] += np.diag(UNSEEN_MOUTH_SD**2)
         if self.camera.focal_log_sd > 0:
-            covariance[:6, :6] += focal_covariance(self.pose.t, first.ray, self.camera.focal_log_sd)
+            covariance[:6, :6] += focal_covariance(pose.t, first.line_of_sight, self.camera.focal_log_sd)
         return covariance

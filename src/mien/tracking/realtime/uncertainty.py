@@ -28,29 +28,27 @@ NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
 MISFIT_DISTANCE = 1.4
 """Median squared distance of the landmarks that doubles those variances."""
+# Terms of the standard deviation of the share by which the turn out of the first image plane is wrong.
 RELIEF_SCALE, LEAN_SCALE = 0.25, 0.65
-"""Standard deviation of the share by which the turn out of the first image plane is wrong, as a factor of the standard
-deviation of the relief, and of how far, in radians, the learned depths lean away from those of the first frame: of a
-face whose depths turn out to be wrong, more is wrong than has been learned. Found by benchmarks/calibration.py, as the
-two above and the axes' below."""
+"""Per standard deviation of the relief, and per radian by which the learned depths lean away from those of the first
+frame: of a face whose depths turn out to be wrong, more is wrong than has been learned. Found by
+benchmarks/calibration.py, as the two above and the axes' below."""
 TURNED_SCALE = 0.18
-"""The same for a face seen from the side in the first frame, which shows little of its relief: as a factor of the sine
-of that angle."""
+"""Per sine of the angle from which the first frame sees the face: from the side it shows little of the relief."""
 LEARNED_SCALE = 0.1
-"""The same where the appearance of the turned face was learned during the turn."""
+"""Where the appearance of the turned face was learned during the turn."""
 FAR_SCALE, FAR_COSINE = 0.9, math.cos(math.radians(50.0))
-"""The same for a face that has turned further than 50 degrees, of which the first frame shows hardly anything: as a
-factor of how far the cosine of the turn is below that of 50 degrees. Fitted to modelled people."""
+"""By how far the cosine of the turn is below that of 50 degrees: of a face that has turned further the first frame
+shows hardly anything. Fitted to modelled people."""
 THIN_SCALE, THIN = 0.8, 0.09
-"""The same where the landmarks that are seen lie in a thin layer across the first frame's view, as those of a cheek: as
-a factor of by how much, in parts, the standard deviation of their depths is below the second number, CANDIDE units.
-Fitted to rendered heads behind boards, and to modelled people."""
+"""By how much, in parts, the standard deviation of the depths of the landmarks that are seen is below the second
+number, CANDIDE units: they lie in a thin layer across the first frame's view, as those of a cheek. Fitted to rendered
+heads behind boards, and to modelled people."""
 GRAPHICS_SCALE = 0.35
-"""The same for a face of which graphics cover a part in the first frame: as a factor of the share of its landmarks that
-are covered there. Fitted to rendered heads behind graphics."""
+"""Per share of the landmarks that graphics cover in the first frame. Fitted to rendered heads behind graphics."""
 FLAT_SCALE = 0.08
-"""The same for a face whose landmarks in the first frame have no depths, so that CANDIDE's relief is learned. Fitted to
-rendered heads that are marked by hand."""
+"""Where the landmarks of the first frame have no depths, so that CANDIDE's relief is learned. Fitted to rendered heads
+that are marked by hand."""
 SHARP = 0.48
 """`quality.sharpness` of the first frame's face below which the standard deviations of a frame's own error grow, with
 its inverse square: found on rendered and modelled heads that were blurred by up to 2.5 pixels."""
@@ -65,7 +63,8 @@ TILT_MOVED_SD = 0.012
 """Standard deviation in radians of the error of the tilt that an expression adds, by how far the units have moved in
 all: a jaw that drops looks much like a nod. Found on the rendered heads and on modelled people."""
 TILT_WORN_SD = 0.022
-"""The same where dark glasses or a mask are worn, which slide on the face. Found with benchmarks/worn.py."""
+"""Standard deviation in radians of the error of the tilt where dark glasses or a mask are worn, which slide on the
+face. Found with benchmarks/worn.py."""
 TRANSLATION_SCALE = 2.0
 """Factor of the standard deviations of the translation beyond that of the rotation."""
 ACROSS_TURNED_SD, ACROSS_MOVED_SD, ALONG_MOVED_SD = 0.005, 0.01, 0.02
@@ -101,15 +100,15 @@ rotation is, beyond what the covariance says."""
 
 @dataclass(frozen=True)
 class Reference:
-    """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; ray: (3,) unit vector to
-    the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in tilt, pan and
-    roll; covered: share of the landmarks that graphics cover there; sharpness: of the face there, see
+    """The frame of reference of all later rotations. R: (3, 3) rotation of the first frame; line_of_sight: (3,) unit
+    vector to the head there, camera axes; axes_sd: (3,) standard deviations in radians of the head's axes there in
+    tilt, pan and roll; covered: share of the landmarks that graphics cover there; sharpness: of the face there, see
     `quality.sharpness`; rounding: how coarsely it was compressed there, grey values: `Frame.quantizer_step`, which the
     crop's pixels average where they are larger than the frame's; flat: whether its landmarks have no depths there;
     worn: whether dark glasses or a mask are worn there."""
 
     R: Array
-    ray: Array
+    line_of_sight: Array
     axes_sd: Array
     covered: float = 0.0
     sharpness: float = 1.0
@@ -124,8 +123,8 @@ class Reference:
 
     @cached_property
     def seen_from(self) -> Array:
-        """(3,) the ray in head axes: in which direction, away from the camera, the first frame sees the face."""
-        return np.asarray(self.R.T @ self.ray)
+        """(3,) `line_of_sight` in head axes."""
+        return np.asarray(self.R.T @ self.line_of_sight)
 
     @cached_property
     def vagueness(self) -> float:
@@ -253,7 +252,7 @@ def _of_model(R: Any, seen_from: Any, R_first: Any, first_from: Any, axes_sd: An
 
 
 def confidence(covariance: Array, seen: float, familiar: float, known: float = 0.0) -> float:
-    """Probability that the rotation is right to 5 degrees.
+    """Probability that the rotation is right to 5 degrees and the face the one that was learned.
 
     seen: share of all landmarks that are seen; familiar: see `identity.familiarity`; known: see `identity.Identity`. A
     logistic regression on the spread of the rotation, fitted to measured errors, where enough of the face is seen,
