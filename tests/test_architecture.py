@@ -13,7 +13,7 @@ import mien
 LAYERS = (
     ("_version", "errors", "arrays"),
     ("files", "csv_files", "compiled", "processes", "threads"),
-    ("config", "graphics"),
+    ("config", "graphics", "lens"),
     ("frame",),
     ("video",),
     ("geometry",),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mien.arrays import Pixels
 from mien.frame import Frame
 from mien.initialization.landmark_files import write_landmarks
+from mien.lens import Lens
 from mien.synthetic import make_sequence, moved
 from mien.video import open_video
 from small_motion import face
@@ -70,6 +71,22 @@ def write_images(folder: Path, images: Iterable[Pixels]) -> Path:
     for index, image in enumerate(images):
         cv2.imwrite(str(folder / f"{index}.png"), image[..., ::-1])
     return folder
+
+
+def bent(image: Pixels, lens: Lens) -> Pixels:
+    """An image (H, W, 3) of a pinhole camera as a lens would show it; its border is repeated."""
+    height, width = image.shape[:2]
+    K, skew = np.array(lens.camera_matrix), lens.camera_matrix[0][1]
+    pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1)
+    pixels[..., 0] -= skew / K[1, 1] * (pixels[..., 1] - K[1, 2])
+    coefficients = np.array(lens.dist_coeffs or (0.0,) * 4)
+    precise = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+    plain = K * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]  # without its skew
+    of_straight = cv2.undistortPointsIter(
+        pixels.reshape(-1, 1, 2), plain, coefficients, np.eye(3), lens.straight_matrix, precise
+    )
+    columns, rows = of_straight.reshape(height, width, 2).astype(np.float32).transpose(2, 0, 1)
+    return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 class Device:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -26,10 +27,10 @@ class Frame:
     tracking needs only the luminance of a region.
     """
 
-    def __init__(self, pixels: NDArray[Any] | Decoded, index: int = 0, time: float = 0.0) -> None:
+    def __init__(self, pixels: NDArray[Any] | Recorded, index: int = 0, time: float = 0.0) -> None:
         """pixels: (H, W, 3) uint8 RGB, (H, W) uint8 of a grey image, or a decoded image. Raises MienError for anything
         else."""
-        if not isinstance(pixels, Decoded):
+        if not isinstance(pixels, Recorded):
             _check(pixels)
         numbers = isinstance(index, (int, np.integer)) and isinstance(time, Real)
         if not numbers:
@@ -45,7 +46,7 @@ class Frame:
         """The same frame, whose luminance has these graphics painted over; `pixels` stay as they are."""
         if graphics is self.graphics:
             return self
-        if self._luma is None:
+        if self.luma is None:
             _ = self.pixels  # converted once, for both
         frame = Frame.__new__(Frame)
         vars(frame).update(vars(self), graphics=graphics)
@@ -55,37 +56,38 @@ class Frame:
 
     def __reduce__(self) -> tuple[type[Frame], tuple[Pixels, int, float], dict[str, Any]]:
         """Pickle the RGB pixels of a decoded image, which cannot leave its process."""
-        image = self.pixels if isinstance(self.image, Decoded) else self.image
+        image = self.pixels if isinstance(self.image, Recorded) else self.image
         return Frame, (image, self.index, self.time), {"graphics": self.graphics}
 
     @property
     def interlaced(self) -> bool:
         """Whether it shows one of the two fields of a decoded image."""
-        return isinstance(self.image, Decoded) and self.image.interlaced
+        return isinstance(self.image, Recorded) and self.image.interlaced
 
     @cached_property
     def quantizer_step(self) -> float | None:
         """How coarsely the video around a decoded image was compressed, see `video.quantizer`; None where that is not
         known."""
-        return self.image.quantizer_step() if isinstance(self.image, Decoded) else None
+        return self.image.quantizer_step() if isinstance(self.image, Recorded) else None
 
     @cached_property
     def pixels(self) -> Pixels:
         """(H, W, 3) uint8 RGB."""
-        if isinstance(self.image, Decoded):
+        if isinstance(self.image, Recorded):
             return self.image.rgb()
         return np.repeat(self.image[:, :, None], 3, axis=2) if self.image.ndim == 2 else self.image
 
     @cached_property
-    def _luma(self) -> Pixels | None:
-        if isinstance(self.image, Decoded):
+    def luma(self) -> Pixels | None:
+        """(H, W) uint8 of an image that has it without a conversion, or is grey; None for others."""
+        if isinstance(self.image, Recorded):
             return self.image.luma()
         return self.image if self.image.ndim == 2 else None
 
     @property
     def brightness(self) -> Pixels:
         """(H, W) uint8 brightness without a conversion: a view of the luma or grey image, or of the green channel."""
-        return self.pixels[..., 1] if self._luma is None else self._luma
+        return self.pixels[..., 1] if self.luma is None else self.luma
 
     @cached_property
     def gray(self) -> Pixels:
@@ -102,9 +104,9 @@ class Frame:
 
     def _recorded_gray(self, rows: slice, columns: slice) -> Pixels:
         """The luminance of a region with what is before the face."""
-        if self._luma is None:
+        if self.luma is None:
             return np.asarray(cv2.cvtColor(self.pixels[rows, columns], cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-        gray = np.ascontiguousarray(self._luma[rows, columns])
+        gray = np.ascontiguousarray(self.luma[rows, columns])
         return gray if gray.flags.writeable else gray.copy()  # for others the kernels would be compiled once more
 
     @cached_property
@@ -115,8 +117,34 @@ class Frame:
         return self.graphics.painted_over(self._recorded_gray(rows, columns))
 
 
+class Recorded(ABC):
+    """An image whose pixels are made when they are asked for."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+
+    @property
+    @abstractmethod
+    def interlaced(self) -> bool:
+        """Whether it is one of two fields, as far as its stream says so."""
+
+    @abstractmethod
+    def quantizer_step(self) -> float | None:
+        """See `Frame.quantizer_step`."""
+
+    @abstractmethod
+    def rgb(self) -> Pixels:
+        """(H, W, 3) uint8."""
+
+    @abstractmethod
+    def luma(self) -> Pixels | None:
+        """(H, W) uint8 luminance if it needs no conversion, None otherwise."""
+
+
 @dataclass(frozen=True)
-class Decoded:
+class Decoded(Recorded):
     """An image decoded by PyAV, which becomes upright, with square pixels, as its metadata says. Of an interlaced one,
     whose two fields show different moments, only the upper field is seen.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -72,7 +71,7 @@ def test_numbers_of_numpy_become_plain() -> None:
     """They are saved as JSON."""
     K = np.array([[500, 0, 160], [0, 500, 120], [0, 0, 1]], np.float32)
     camera = Camera(K[0, 0], K[0, 2], K[1, 2])
-    assert json.loads(json.dumps(asdict(camera))) == {"focal_px": 500, "cx": 160, "cy": 120, "focal_log_sd": 0}
+    assert json.loads(json.dumps(camera.to_dict())) == {"focal_px": 500, "cx": 160, "cy": 120, "focal_log_sd": 0}
 
 
 K = [[600.0, 0, 320], [0, 606, 240], [0, 0, 1]]
@@ -82,7 +81,7 @@ def test_the_camera_of_a_calibration() -> None:
     assert Camera.from_matrix(K) == Camera.from_matrix(np.array(K), np.zeros((1, 5))) == Camera(603, 320, 240)
     assert Camera.from_matrix(K, None) == Camera(603, 320, 240)  # as OpenCV is told of no distortion
     seen = Camera.from_matrix(np.array(K, np.float32), [0.01, 0, 0, 0])  # at the corner by 0.01 r^2, with r = 0.67
-    assert json.loads(json.dumps(asdict(seen)))["focal_px"] == 603
+    assert seen == Camera(603, 320, 240)
 
 
 @pytest.mark.parametrize(
@@ -92,10 +91,7 @@ def test_the_camera_of_a_calibration() -> None:
         (K[:2], (), "is no camera matrix"),
         ([[0, 0, 320], [0, 606, 240], [0, 0, 1]], (), "is no camera matrix"),
         ([[float("nan"), 0, 320], [0, 606, 240], [0, 0, 1]], (), "is no camera matrix"),
-        (np.diag([600, 615, 1]), (), r"fx = 600, fy = 615 .* undistort the images with cv2\.undistort"),
-        ([[600, 13, 320], [0, 600, 240], [0, 0, 1]], (), "a skew of 13"),
-        (K, [0.1, 0, 0, 0], r"corners of the image by 4 % .* undistort the images with cv2\.undistort"),
-        (K, [[0, 0, 0, 0.02, 0]], "corners of the image by 3 %"),
+        (K, [-9, 0, 0, 0], r"coefficients \[-9\.0, 0\.0, 0\.0, 0\.0\] the lens shows 13 % of the image; .* fisheye"),
         ("K.npy", (), "camera matrix: 'K.npy' is no array of numbers"),
         ([[600, 0, 320], [0, 606], [0, 0, 1]], (), "camera matrix: .* is no array of numbers"),
         (K, ["k1", 0, 0, 0], r"distortion coefficients: \['k1', 0, 0, 0\] is no array of numbers"),

@@ -14,7 +14,7 @@ from mien.errors import MienError, MienWarning
 from mien.frame import Frame
 from mien.geometry.camera import UNKNOWN_LOG_SD, Camera
 from mien.start.footage import Footage, read_camera
-from mien.video import open_video
+from mien.video import StraightVideo, open_video
 
 
 def test_camera_is_given_in_one_of_three_ways(video: Path, tmp_path: Path) -> None:
@@ -103,10 +103,27 @@ def test_a_size_that_no_image_has_is_named(stated: Any, name: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("distortion", [[-0.3, 0.1, 0, 0], {"data": [-0.3, 0.1, 0, 0, 0]}])
-def test_a_calibration_with_distortion_is_refused(distortion: Any, tmp_path: Path) -> None:
-    (tmp_path / "c.json").write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion}))
-    with pytest.raises(MienError, match=r"c\.json: the lens of the camera moves .* with cv2\.undistort"):
-        read_camera(tmp_path / "c.json")
+def test_a_calibration_with_distortion_is_that_of_straight_images(distortion: Any, tmp_path: Path) -> None:
+    file = tmp_path / "c.json"
+    file.write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion}))
+    camera = read_camera(file)
+    assert (camera.focal_px, camera.cx, camera.cy) == (601, 330, 250)
+    assert camera.lens is not None
+    file.write_text(json.dumps({"camera": camera.to_dict()}))  # as a track has it
+    assert read_camera(file) == camera
+    file.write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion, "distortion_model": "equidistant"}))
+    with pytest.raises(MienError, match=r"c\.json: the lens is of the model equidistant"):
+        read_camera(file)
+
+
+def test_a_video_through_a_lens_is_straightened_once(video: Path) -> None:
+    bending = Camera.from_matrix([[80, 0, 31], [0, 80, 23], [0, 0, 1]], [-0.3, 0.1, 0, 0])
+    footage = Footage(open_video(video), bending)
+    assert bending.lens is not None
+    (straight, *_), (seen, *_) = footage.since(0.0).frames(), open_video(video)
+    np.testing.assert_array_equal(straight.pixels, bending.lens.straighten(seen.pixels))
+    assert footage.camera_of(straight) == bending
+    assert not isinstance(Footage(open_video(video), Camera(500, 160, 120)).video, StraightVideo)
 
 
 @pytest.mark.parametrize(

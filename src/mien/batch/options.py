@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -79,7 +79,7 @@ class BatchOptions:
             size = (video["width"], video["height"]) if {"width", "height"} <= video.keys() else None
             with catch_warnings():
                 simplefilter("ignore", MienWarning)  # of images of another size, as tracking has told
-                known["camera"] = asdict(read_camera(self.camera, size))
+                known["camera"] = read_camera(self.camera, size).to_dict()
         return known
 
     @cached_property

@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mien.arrays import Array, Mask
 from mien.errors import MienError, require
+from mien.lens import Lens
 
 DEFAULT_FOV_DEG = 60.0
 """Field of view assumed for an unknown camera along the longer side of its image."""
@@ -22,8 +23,11 @@ _WIDEST_DEG = 150.0
 """Horizontal field of view beyond which no real lens follows the pinhole model."""
 _NARROWEST_DEG = 1e-3
 """Horizontal field of view that no lens has, with which distances are still told."""
-_PINHOLE = 0.02
-"""Largest share by which a calibrated camera may differ from one without distortion and with square pixels."""
+_SQUARE, _STRAIGHT = 0.02, 0.005
+"""Largest shares by which the pixels of a calibrated camera may differ from squares, and its lens may move the corners
+of the image, so that its images are used as they are."""
+_MOSTLY_SHOWN = 0.5
+"""Share of a straight image that a lens shows at least."""
 UNKNOWN_LOG_SD = 0.35
 """Standard deviation of the logarithm of the focal length of an unknown camera: webcams and phones see 55 to 80 degrees
 along the longer side, lenses for interviews 25 to 45."""
@@ -33,12 +37,17 @@ along the longer side, lenses for interviews 25 to 45."""
 class Camera:
     """Pinhole camera: focal length and principal point (cx, cy), all in pixels. focal_log_sd: standard deviation of the
     logarithm of a focal length that is assumed; 0 for one that is known. Raises MienError for values that are no finite
-    numbers, and for a focal length that is not positive."""
+    numbers, and for a focal length that is not positive.
+
+    lens: what has bent the images of the video, None if nothing has. The camera is that of the images straightened:
+    `mien.track` and whatever else opens a video do that.
+    """
 
     focal_px: float
     cx: float
     cy: float
     focal_log_sd: float = 0.0
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
         values = (self.focal_px, self.cx, self.cy, self.focal_log_sd)
@@ -88,12 +97,26 @@ class Camera:
         """Camera of a calibration by `cv2.calibrateCamera`.
 
         K: camera matrix (3, 3) in pixels; distortion: none, or 4, 5, 8, 12 or 14 coefficients. Raises MienError for
-        anything else, and where lens or pixels differ from those of a pinhole camera by more than 2 %.
+        anything else, and for coefficients that no lens has.
         """
         matrix = _numbers(K, "camera matrix")
         _check_matrix(matrix)
-        _check_distortion(matrix, _numbers(() if distortion is None else distortion, "distortion coefficients").ravel())
-        return cls(0.5 * (matrix[0, 0] + matrix[1, 1]), matrix[0, 2], matrix[1, 2])
+        coefficients = _numbers(() if distortion is None else distortion, "distortion coefficients").ravel()
+        lens = _checked_lens(matrix, coefficients)
+        (focal, _, cx), (_, _, cy), _ = lens.straight_matrix.tolist()
+        (fx, skew, _), (_, fy, _), _ = lens.camera_matrix
+        straight = lens.bending <= _STRAIGHT and max(abs(fx - fy), abs(skew)) <= _SQUARE * min(fx, fy)
+        return cls(focal, cx, cy, lens=None if straight else lens)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        numbers = {name: getattr(self, name) for name in ("focal_px", "cx", "cy", "focal_log_sd")}
+        if self.lens is None:
+            return numbers
+        return numbers | {
+            "camera_matrix": [list(row) for row in self.lens.camera_matrix],
+            "dist_coeffs": list(self.lens.dist_coeffs),
+        }
 
     @property
     def vector(self) -> Array:
@@ -149,36 +172,27 @@ def _numbers(values: ArrayLike, what: str) -> Array:
 
 
 def _check_matrix(K: Array) -> None:
-    """Raise MienError if this is no camera matrix (3, 3), or one of pixels that are not square."""
+    """Raise MienError if this is no camera matrix (3, 3)."""
     ordinary = K.shape == (3, 3) and np.isfinite(K).all() and K[0, 0] > 0 and K[1, 1] > 0
     ordinary = ordinary and [K[1, 0], *K[2]] == [0, 0, 0, 1]
     require(bool(ordinary), f"{K.tolist()} is no camera matrix; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
-    (fx, skew, _), (_, fy, _), _ = K.tolist()
-    require(
-        max(abs(fx - fy), abs(skew)) <= _PINHOLE * min(fx, fy),
-        f"the camera matrix has fx = {fx:g}, fy = {fy:g} and a skew of {skew:g}, and mien takes pixels to be square; "
-        "undistort the images with cv2.undistort, whose last argument is a matrix with fx = fy, and give that",
-    )
 
 
-def _check_distortion(K: Array, distortion: Array) -> None:
-    """Raise MienError if a lens with these coefficients moves the corners of the image, in whose middle the principal
-    point is, by a share of their distance from it that can be seen."""
+def _checked_lens(K: Array, distortion: Array) -> Lens:
+    """The lens with a camera matrix and these coefficients. Raises MienError if they are none, or show less of the
+    image than a lens does."""
     counts = (0, 4, 5, 8, 12, 14)
     require(
         distortion.size in counts and bool(np.isfinite(distortion).all()),
         f"{distortion.tolist()} are no distortion coefficients; give the {', '.join(map(str, counts[1:]))} of OpenCV",
     )
-    x, y = K[0, 2] / K[0, 0], K[1, 2] / K[1, 1]
-    corners = np.array([[x, y, 1.0], [-x, y, 1.0], [x, -y, 1.0], [-x, -y, 1.0]])
-    seen = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), np.eye(3), distortion)[0][:, 0]
-    moved = np.linalg.norm(seen - corners[:, :2], axis=1).max() / max(math.hypot(x, y), 1e-9)
+    lens = Lens(tuple(map(tuple, K.tolist())), tuple(distortion.tolist()))
     require(
-        moved <= _PINHOLE,
-        f"the lens of the camera moves the corners of the image by {100 * moved:.0f} % of their distance from its "
-        "middle, and mien takes lenses to draw straight lines straight; undistort the images with cv2.undistort, and "
-        "give the camera matrix without distortion",
+        lens.shown_share >= _MOSTLY_SHOWN,
+        f"with the distortion coefficients {distortion.tolist()} the lens shows {100 * lens.shown_share:.0f} % of the "
+        "image; those of a fisheye lens, by cv2.fisheye, are others: undistort such images first",
     )
+    return lens
 
 
 def line_of_sight(points: Array, camera: Camera) -> Array:

@@ -194,7 +194,8 @@ def _camera(metadata: Mapping[str, Any], path: Path) -> dict[str, Any]:
     middle of the picture, as glTF's do. Its extras have what glTF cannot say, by the names of Blender: the shift of the
     picture right and up, as shares of its height, and the resolution in pixels."""
     try:
-        camera = Camera(*(float(metadata["camera"][name]) for name in ("focal_px", "cx", "cy")))
+        focal_px, cx, cy = (float(metadata["camera"][name]) for name in ("focal_px", "cx", "cy"))
+        camera = Camera(focal_px, cx, cy)
         width, height = (int(metadata["video"][name]) for name in ("width", "height"))
         require(min(width, height) > 0, f"{width}x{height} is no size")
     except (LookupError, TypeError, ValueError, OverflowError) as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,7 @@ def metadata(
         "passes": number,
         "face_id": face_id,
         "asked": requested_options(begin.footage, begin.at_once, begin.face, begin.footage.fps),
-        "camera": asdict(begin.camera),
+        "camera": begin.camera.to_dict(),
         "landmarks": begin.landmarks.to_dict() | {"source": begin.landmarks.source},
         "landmark_names": list(recorder.landmark_names),
         "mm_per_unit": recorder.mm_per_unit,

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Generator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
@@ -20,7 +20,10 @@ from mien.files import checksum, size_of, user_path
 from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
-from mien.video import Video, check_interval, expected_count, select, warn_of_another_size
+from mien.video import StraightVideo, Video, check_interval, expected_count, select, warn_of_another_size
+
+_FISHEYE = ("equidistant", "fisheye")
+"""Models of lenses as calibration files name them, whose coefficients are others than OpenCV's usual ones."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,9 @@ class Footage:
 
     def __post_init__(self) -> None:
         check_options(self)
+        lens = None if self.camera is None else _given(self.camera).lens
+        if lens is not None and not isinstance(self.video, StraightVideo):
+            object.__setattr__(self, "video", StraightVideo(self.video, lens))
 
     def frames(self) -> Generator[Frame, None, None]:
         """The frames of this part, decoded from the beginning; see `select`."""
@@ -91,10 +97,8 @@ class Footage:
             camera = Camera.from_fov(frame.width, frame.height, self.fov_deg)
         elif self.camera is None:
             camera = Camera.unknown(frame.width, frame.height)
-        elif isinstance(self.camera, Camera):
-            camera = self.camera
         else:
-            camera = read_camera(self.camera, (frame.width, frame.height))
+            camera = _given(self.camera, (frame.width, frame.height))
         camera.require_possible(frame.width)
         if not (0 <= camera.cx <= frame.width and 0 <= camera.cy <= frame.height):
             warn(
@@ -131,15 +135,15 @@ def check_options(options: FootageOptions) -> None:
     check_interval(options.start, options.end)
     given = [v for v in (options.camera, options.focal_px, options.fov_deg) if v is not None]
     require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
-    if options.camera is not None and not isinstance(options.camera, Camera):
-        read_camera(options.camera)
+    if options.camera is not None:
+        _given(options.camera)
 
 
 def requested_options(
     options: FootageOptions, at_once: bool, face: Point | None = None, fps: float | None = None
 ) -> dict[str, Any]:
     """The options of a run apart from the tracker, as plain values for NAME.json. fps: that of `Footage`."""
-    camera = asdict(options.camera) if isinstance(options.camera, Camera) else options.camera and str(options.camera)
+    camera = options.camera.to_dict() if isinstance(options.camera, Camera) else options.camera and str(options.camera)
     numbers = {
         "focal_px": options.focal_px,
         "fov_deg": options.fov_deg,
@@ -149,6 +153,11 @@ def requested_options(
     }
     plain = {name: value if value is None else float(value) for name, value in numbers.items()}
     return {"camera": camera, **plain, "at_once": bool(at_once), "face": face and list(face)}
+
+
+def _given(camera: Camera | str | Path, size: tuple[int, int] | None = None) -> Camera:
+    """A camera, or that of a file, see `read_camera`."""
+    return camera if isinstance(camera, Camera) else read_camera(camera, size)
 
 
 def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
@@ -166,9 +175,9 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         stated = _size_stated(values)
         if size:
             warn_of_another_size(f"{path} has the camera", stated, size, "scale its numbers alike")
+        values = values.get("camera", values)
         if "camera_matrix" in values:
             return _calibrated(values)
-        values = values.get("camera", values)
         log_sd = float(values.get("focal_log_sd", 0.0))
         if "cx" in values or "cy" in values:
             focal_px, cx, cy = (float(values[name]) for name in ("focal_px", "cx", "cy"))
@@ -207,6 +216,11 @@ def _pixels(stated: Any, name: str) -> int | None:
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:
     """The camera of a calibration, whose distortion coefficients are all lists that are named like "dist_coeffs"."""
+    model = str(values.get("distortion_model", ""))
+    require(
+        model not in _FISHEYE,
+        f"the lens is of the model {model}, and not of that of cv2.calibrateCamera; undistort its images first",
+    )
     lists = [(name, value) for name, value in values.items() if isinstance(value, (list, dict))]
     distortion = [_flat(value) for name, value in lists if name.lower().startswith("dist")]
     return Camera.from_matrix(_flat(values["camera_matrix"]).reshape(3, 3), np.concatenate([[], *distortion]))

@@ -12,6 +12,7 @@ from mien.video.folder import FOLDER_FPS, IMAGE_SUFFIXES, list_images, refuse_am
 from mien.video.scaling import warn_of_another_size
 from mien.video.selection import SAME_TIME, backwards, check_interval, decode_frame, expected_count, select
 from mien.video.source import Source, Video, check_fps, open_video
+from mien.video.straight import StraightVideo
 
 __all__ = [
     "FOLDER_FPS",
@@ -19,6 +20,7 @@ __all__ = [
     "SAME_TIME",
     "VIDEO_SUFFIXES",
     "Source",
+    "StraightVideo",
     "Video",
     "backwards",
     "check_fps",

@@ -11,6 +11,7 @@ from mien.errors import require
 from mien.frame import Frame
 from mien.video.file import VideoFile
 from mien.video.source import Video
+from mien.video.straight import StraightVideo
 
 BUFFER_BYTES = 1 << 29
 """Memory, in bytes, for the frames that are buffered to play a video backwards."""
@@ -85,6 +86,8 @@ def _decode_frames(video: Video, stamps: Sequence[tuple[int, float]], size: tupl
     back or seeking does not find them all."""
     if not stamps:
         return []
+    if isinstance(video, StraightVideo):
+        return [video.straight(frame) for frame in _decode_frames(video.video, stamps, size)]
     indices, times = zip(*stamps, strict=True)
     if isinstance(video, VideoFile) and video.in_order:
         found = list(video.between(times[0], times[-1]))

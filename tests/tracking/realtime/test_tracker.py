@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 from collections.abc import Callable, Iterable
@@ -13,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+import mien
 from long_motion import gentle_sequence, in_order, sequence, shown, with_spectacles
 from mien.appearance.regression import PoseRegression
 from mien.arrays import Array
@@ -37,7 +39,7 @@ from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import open_video
 from small_motion import begun, errors_deg, face, run, small_motion
-from videos import portrait_images, turn_by_metadata, write_video
+from videos import bent, portrait_images, turn_by_metadata, write_video
 
 TRACKERS = (RealtimeTracker, PaperTracker, LefevreTracker, LaCasciaTracker, XiaoTracker, MorencyTracker)
 
@@ -565,3 +567,25 @@ def test_a_camera_that_would_be_inside_the_face_is_refused() -> None:
     camera = replace(face().camera, focal_px=60.0)
     with pytest.raises(MienError, match=r"focal length of 60 pixels .* mm from the camera; give the camera's own"):
         RealtimeTracker().initialize(face().frame, face().landmarks, camera)
+
+
+def test_a_face_behind_a_lens_that_bends_is_followed_as_one_without(tmp_path: Path) -> None:
+    """If its calibration is given; the face is beside the middle of the lens."""
+    of_face, sequence = face().camera, small_motion()
+    K = [[of_face.focal_px, 0, 20], [0, of_face.focal_px, of_face.cy], [0, 0, 1]]
+    camera = Camera.from_matrix(K, [-0.3, 0, 0, 0])
+    assert camera.lens is not None
+    images = [bent(frame.pixels, camera.lens) for frame in sequence.frames]
+    (tmp_path / "lens.json").write_text(json.dumps({"camera_matrix": K, "dist_coeffs": [-0.3, 0, 0, 0]}))
+    pinhole = Camera(camera.focal_px, camera.cx, camera.cy)
+
+    def angles_deg(frames: Iterable[Frame], camera: Camera | Path) -> Array:
+        return mien.track(list(frames), camera=camera, landmarks=face().landmarks).euler_deg
+
+    without = angles_deg(sequence.frames, pinhole)
+    known = angles_deg((Frame(image, k, k / 25) for k, image in enumerate(images)), tmp_path / "lens.json")
+    unknown = angles_deg((Frame(image, k, k / 25) for k, image in enumerate(images)), pinhole)
+    assert np.ptp(without[:, 1]) > 3
+    turn = [angles - angles[0] for angles in (without, known, unknown)]
+    np.testing.assert_allclose(turn[1], turn[0], atol=0.3)
+    assert np.abs(turn[2] - turn[0]).max() > 0.6
