@@ -29,7 +29,8 @@ from mien.geometry.camera import Camera
 from mien.initialization import fit
 from mien.initialization.landmarks import LANDMARK_VERTICES, Landmarks
 from mien.tracking.realtime import RealtimeTracker, learning, person, tracker
-from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+from mien.tracking.realtime.pose import Pose, Prediction
+from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.state import Estimate
 

@@ -35,7 +35,7 @@ from mien.errors import MienWarning
 from mien.evaluation.datasets import load_dataset
 from mien.geometry.rotation import log
 from mien.tracking.realtime import RealtimeTracker, tracker, uncertainty
-from mien.tracking.realtime.solution import Pose
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.uncertainty import Reference, ReliefError
 
 OTHERS = {

@@ -22,7 +22,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization import detector
 from mien.initialization.landmarks import Landmarks, Point
-from mien.start import search
+from mien.start import live_search
 from mien.tracking.state import Estimate, Status
 from mien.video import FOLDER_FPS
 from small_motion import face
@@ -194,8 +194,8 @@ def test_a_face_that_is_there_is_not_given_up(folder: Path) -> None:
 
 def test_a_turned_face_is_waited_for_in_every_doubt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also if it was looked for in one before, at the end of which it was the known one."""
-    monkeypatch.setattr(search, "turn_of", lambda *args: 90.0)
-    monkeypatch.setattr(search, "_PATIENCE", 0.11)
+    monkeypatch.setattr(live_search, "turn_of", lambda *args: 90.0)
+    monkeypatch.setattr(live_search, "_PATIENCE", 0.11)
     known = face().landmarks
     look = lambda frame, at, distant: [replace(known, time=frame.time)] * (frame.index >= SEEN.start)  # noqa: E731
     monkeypatch.setattr(detector, "detect_once", look)

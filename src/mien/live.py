@@ -21,7 +21,7 @@ from mien.pipeline.run import tracked
 from mien.registry import DEFAULT_PRESET, called, checked, create_tracker
 from mien.start.first_frame import as_point, before_start, require_inside
 from mien.start.footage import Footage
-from mien.start.search import Patience
+from mien.start.live_search import Patience
 from mien.tracking.state import Estimate, Tracker
 from mien.video import Source, open_video
 

@@ -22,7 +22,7 @@ from mien.initialization import detector
 from mien.initialization.landmarks import Place, place_of
 from mien.initialization.mediapipe_mesh import silenced
 from mien.initialization.upright import Upright
-from mien.start.search import Patience
+from mien.start.live_search import Patience
 from small_motion import face, small_motion, turned_portrait
 
 needs_mediapipe = pytest.mark.skipif(

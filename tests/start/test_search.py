@@ -22,7 +22,7 @@ from mien.initialization.fit import FirstFrame, fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks, write_landmarks
 from mien.initialization.landmarks import Landmarks, Point, place_of, rows_by_name, rows_of_scheme
 from mien.initialization.upright import Upright
-from mien.start import search
+from mien.start import live_search, search
 from mien.start.first_frame import prepare
 from mien.start.footage import Footage
 from mien.synthetic import FPS, SyntheticSequence, make_sequence, moved
@@ -249,7 +249,7 @@ def test_who_asks_for_it_begins_at_once(detector: set[int], video: Path, turning
 def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
     patience_s: float, index: int, detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search, "_PATIENCE", patience_s)
+    monkeypatch.setattr(live_search, "_PATIENCE", patience_s)
     camera = Live(turning.frames)
     with pytest.warns(MienWarning, match="a face is first found"):
         begin = prepare(Footage(camera, face().camera))
@@ -278,8 +278,8 @@ def test_a_camera_waits_a_while_for_open_eyes(
         return [replace(look, points=points)]
 
     monkeypatch.setattr("mien.initialization.detector.detect_once", detect_once)
-    monkeypatch.setattr(search, "_PATIENCE", patience_s)
-    patience = search.Patience(face().camera)
+    monkeypatch.setattr(live_search, "_PATIENCE", patience_s)
+    patience = live_search.Patience(face().camera)
     assert next(frame.index for frame in turning.frames if patience(frame)) == index
 
 
@@ -288,11 +288,11 @@ def test_a_camera_that_hangs_turned_finds_a_face_as_soon_as_an_upright_one(
     quarters: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the networks: upside down they see an upright face, with the mouth taken for the eyes."""
-    monkeypatch.setattr(search, "_PATIENCE", 60.0)
+    monkeypatch.setattr(live_search, "_PATIENCE", 60.0)
     upright = small_motion().frames[0]
     (known,) = mien_detector.detect(upright)
     turned = Frame(np.ascontiguousarray(np.rot90(upright.pixels, -quarters)))
-    patience = search.Patience(Camera.centred(face().camera.focal_px, turned.width, turned.height))
+    patience = live_search.Patience(Camera.centred(face().camera.focal_px, turned.width, turned.height))
     found = next(faces for k in range(4) if (faces := patience(Frame(turned.pixels, k, k / FPS))) or k == 3)
     assert len(found) == 1
     assert found[0].frame_index <= 1
@@ -320,7 +320,7 @@ def test_only_where_no_upright_face_is_seen_frames_are_turned(monkeypatch: pytes
     monkeypatch.setattr("mien.initialization.detector.detect_once", detect_once)
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [known])
-    patience = search.Patience(face().camera, (200.0, 100.0))
+    patience = live_search.Patience(face().camera, (200.0, 100.0))
     found = [bool(patience(Frame(upright, k, k / FPS))) for k in range(14)]
     assert found == [False] * 12 + [True] * 2
     assert [turns for turns, _, _ in asked] == [0, 2, 0, 1, 0, 3] * 4 + [0, 0]
@@ -343,7 +343,7 @@ def test_what_turned_copies_do_not_agree_on_is_no_face(
     monkeypatch.setattr("mien.initialization.detector.detect_once", detect_once)
     monkeypatch.setattr("mien.initialization.detector.refine", lambda frame, face: face)
     monkeypatch.setattr("mien.initialization.detector.detect", lambda frame, at: [known])
-    patience = search.Patience(face().camera)
+    patience = live_search.Patience(face().camera)
     found = [bool(patience(Frame(np.zeros((240, 320, 3), np.uint8), k, k / FPS))) for k in range(6)]
     assert any(found) is begins
 
@@ -373,19 +373,19 @@ def test_of_several_faces_before_a_camera_no_more_than_one_can_be_chosen(
 def test_a_face_that_was_away_is_waited_for_anew(
     detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search, "_PATIENCE", 0.15)
-    monkeypatch.setattr(search, "_GONE_SECONDS", 1 / FPS)
+    monkeypatch.setattr(live_search, "_PATIENCE", 0.15)
+    monkeypatch.setattr(live_search, "_GONE_SECONDS", 1 / FPS)
     detector.update((3, 4))
-    patience = search.Patience(face().camera)
+    patience = live_search.Patience(face().camera)
     assert [bool(patience(frame)) for frame in turning.frames[:10]] == [False] * 9 + [True]
 
 
 def test_a_face_that_was_missed_once_is_not_waited_for_anew(
     detector: set[int], turning: SyntheticSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(search, "_PATIENCE", 0.15)
+    monkeypatch.setattr(live_search, "_PATIENCE", 0.15)
     detector.add(3)
-    patience = search.Patience(face().camera)
+    patience = live_search.Patience(face().camera)
     assert [bool(patience(frame)) for frame in turning.frames[:5]] == [False] * 4 + [True]
 
 
@@ -398,9 +398,9 @@ def test_landmarks_that_are_no_faces_do_not_end_the_wait(
         require(not bad or not bad.pop(), "no face fits the landmarks")
         return fit_first_frame(landmarks, camera)
 
-    monkeypatch.setattr(search, "fit_first_frame", fit)
-    monkeypatch.setattr(search, "_PATIENCE", 0.0)
-    patience = search.Patience(face().camera)
+    monkeypatch.setattr(live_search, "fit_first_frame", fit)
+    monkeypatch.setattr(live_search, "_PATIENCE", 0.0)
+    patience = live_search.Patience(face().camera)
     assert [bool(patience(frame)) for frame in turning.frames[:2]] == [False, True]
 
 

@@ -21,8 +21,7 @@ from mien.pipeline.metadata import metadata
 from mien.pipeline.run import run, run_back
 from mien.registry import create_tracker
 from mien.start.first_frame import Start
-from mien.start.looks import COVERED, COVERED_WITHIN_DEG
-from mien.start.search import TURNED_DEG
+from mien.start.looks import COVERED, COVERED_WITHIN_DEG, TURNED_DEG
 from mien.tracking.abilities import GraphicsTracker, RepeatableTracker, ShapeTracker, axes_of
 from mien.tracking.state import Estimate, Status, Tracker
 from mien.video import Video

@@ -19,7 +19,8 @@ from mien.initialization.landmarks import Landmarks, Point, is_same_place, place
 from mien.initialization.marked import completed
 from mien.initialization.straight import straightened
 from mien.start.footage import Footage
-from mien.start.search import BACK_SECONDS, Patience, best_look, find_face
+from mien.start.live_search import Patience
+from mien.start.search import BACK_SECONDS, best_look, find_face
 from mien.tracking.state import Estimate
 from mien.video import Video
 

@@ -41,6 +41,8 @@ behind a bar 0.009; dark glasses make no difference."""
 COVERED, COVERED_WITHIN_DEG = 0.0033, 10.0
 """Disagreement beyond which part of a face is probably covered, if it is turned by less than this from the camera. It
 is beyond that in 1 of 100 frames of rendered and modelled heads, with spectacles and without."""
+TURNED_DEG = 15.0
+"""Rotation of the face in the first frame beyond which errors are two to four times as large (docs/benchmark.md)."""
 _DETAIL_PX = 96
 """Side of the image of a face in which its detail is measured."""
 _MORE_TURNED_DEG = 15.0

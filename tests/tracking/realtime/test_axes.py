@@ -17,8 +17,8 @@ from mien.initialization.landmarks import LANDMARK_VERTICES, VERTICES
 from mien.output.track import Track
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.axes import HeadAxes
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.shape import ShapePosterior
-from mien.tracking.realtime.solution import Pose
 from mien.tracking.realtime.uncertainty import Reference
 from small_motion import begun, run
 

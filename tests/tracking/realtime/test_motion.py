@@ -19,7 +19,8 @@ from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.motion import Motion, extract_patches
 from mien.tracking.realtime.person import TRACKED
-from mien.tracking.realtime.solution import Pose, Prediction, View
+from mien.tracking.realtime.pose import Pose, Prediction
+from mien.tracking.realtime.solution import View
 from small_motion import begun, face, run
 
 STEP_DEG, STEP = np.array([1.5, -2.0, 1.0]), np.array([0.02, -0.01, 0.0])

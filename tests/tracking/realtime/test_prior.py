@@ -6,8 +6,8 @@ import numpy as np
 
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import FACING, exp
+from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior, student_information
-from mien.tracking.realtime.solution import Pose, Prediction
 
 
 def test_the_rest_is_firmer_where_a_prediction_has_turned() -> None:

@@ -13,8 +13,8 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, angle_between, exp
 from mien.initialization.landmarks import Landmarks
 from mien.tracking.realtime import recovery
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.recovery import Keyframes, _pnp, turned_aside
-from mien.tracking.realtime.solution import Pose
 from small_motion import face
 
 NECK = np.array([0.0, 0.0, -0.7])

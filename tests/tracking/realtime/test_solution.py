@@ -12,7 +12,8 @@ from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Noise
 from mien.tracking.realtime.order import median
-from mien.tracking.realtime.solution import Pose, Solution
+from mien.tracking.realtime.pose import Pose
+from mien.tracking.realtime.solution import Solution
 
 LANDMARKS, N, MOST = len(LANDMARK_NAMES), 33, 60.0
 NOTHING = np.zeros(N, dtype=bool)

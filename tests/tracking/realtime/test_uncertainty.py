@@ -23,7 +23,7 @@ from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, log, ray_rotation
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.identity import familiarity
-from mien.tracking.realtime.solution import Pose
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.uncertainty import (
     ACROSS_MOVED_SD,
     ACROSS_TURNED_SD,

@@ -14,9 +14,10 @@ from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.person import JAW, Person
+from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.skin import CHIN, CORNERS, UPPER_LIP, Corners, Skin
-from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
 _JAWS = np.linspace(-0.3, 1.5, 13)

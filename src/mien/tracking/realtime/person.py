@@ -23,9 +23,10 @@ from mien.tracking.realtime.learning import LearnedFace, learn_face
 from mien.tracking.realtime.level import Level
 from mien.tracking.realtime.look_covariance import LearnedCovariance
 from mien.tracking.realtime.misplacement import learn_misplacement, misplacement_variance
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.pose_geometry import PersonArrays
 from mien.tracking.realtime.shape import ShapePosterior, shape_information
-from mien.tracking.realtime.solution import Pose, Solution
+from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Closing
 
 _TEMPLES = {"right_temple": 47, "left_temple": 14}

@@ -13,7 +13,7 @@ from mien.compiled import kernel
 from mien.config import RealtimeSettings
 from mien.tracking.prior import JAW_DROP, state_sd
 from mien.tracking.realtime.kernels import PriorArrays
-from mien.tracking.realtime.solution import Pose, Prediction
+from mien.tracking.realtime.pose import Pose, Prediction
 
 
 class StatePrior:

@@ -27,8 +27,9 @@ from mien.initialization.detector import detect_once
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import place_of
 from mien.initialization.upright import Upright, quarters_of
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.solution import Pose, Solution, View
+from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
 KEYFRAME_PIXELS_PER_UNIT = 55.0  # SIFT begins with the image at twice its size

@@ -1,4 +1,4 @@
-"""The search for the face in one frame: where it starts, the view it works on, and what it finds."""
+"""The search for the face in one frame: the view it works on, and what it finds."""
 
 from __future__ import annotations
 
@@ -10,104 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mien.appearance.descriptors import orientation_maps
-from mien.appearance.views import CENTRE
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.initialization.landmarks import LANDMARK_NAMES
-from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.definite import inverse_definite
 from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Level, Noise
 from mien.tracking.realtime.order import insert, median
-from mien.tracking.realtime.pose_geometry import PoseArrays, ViewArrays
+from mien.tracking.realtime.pose import Pose
+from mien.tracking.realtime.pose_geometry import ViewArrays
 
 _LEAST_LANDMARKS = 6
-
-
-class _Sight(NamedTuple):
-    """What `pose_geometry.sight_of` returns, and the properties of `Pose` say."""
-
-    ray: Array
-    angles: Array
-    roll: float
-    distance: float
-    line_of_sight: Array
-    seen_from: Array
-
-
-@dataclass(frozen=True)
-class Pose:
-    """State of Eq. (2) with its rotation as a matrix: R (3, 3) and t (3,) from the axes of the fitted model, which
-    differ from the head's (see `HeadAxes`), to the camera's, animation (6,)."""
-
-    R: Array
-    t: Array
-    animation: Array
-
-    def moved(self, step: Array) -> Pose:
-        """The pose after a step (12,) = [rotation vector in camera axes, translation, animation]."""
-        return Pose(*pose_geometry.step_back(self.arrays, -step))
-
-    def with_unit(self, unit: int, value: float) -> Pose:
-        """The pose with another value of an animation unit."""
-        animation = self.animation.copy()
-        animation[unit] = value
-        return replace(self, animation=animation)
-
-    @cached_property
-    def arrays(self) -> PoseArrays:
-        """The pose as the kernels take it."""
-        return np.ascontiguousarray(self.R), self.t, self.animation
-
-    @cached_property
-    def _sight(self) -> _Sight:
-        """How the head is seen, along the ray to the middle of the face."""
-        return _Sight(*pose_geometry.sight_of(CENTRE, self.arrays[0], self.t))
-
-    @property
-    def line_of_sight(self) -> Array:
-        """(3,) unit vector to the origin of the head's axes, camera axes."""
-        return self._sight.line_of_sight
-
-    @property
-    def seen_from(self) -> Array:
-        """(3,) the same in head axes: in which direction, away from the camera, the head is seen."""
-        return self._sight.seen_from
-
-    @property
-    def ray(self) -> Array:
-        """(3, 3) rotation from the optical axis to the middle of the face."""
-        return self._sight.ray
-
-    @property
-    def angles(self) -> Array:
-        """(2,) tilt and pan in radians of the face as seen along that ray; see `pose_geometry.view_angles`."""
-        return self._sight.angles
-
-    @property
-    def roll(self) -> float:
-        """Roll in radians of the face as seen along that ray."""
-        return self._sight.roll
-
-    @property
-    def distance(self) -> float:
-        """Distance along that ray of the origin of the head's axes, CANDIDE units."""
-        return self._sight.distance
-
-    def step_to(self, other: Pose) -> Array:
-        """The step (12,) that leads to another pose, less than half a turn away."""
-        step: Array = pose_geometry.step_between(*self.arrays, *other.arrays)
-        return step
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it. last: pose in the last
-    frame."""
-
-    pose: Pose
-    information: Array
-    last: Pose
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.kernels import AppearanceArrays
 from mien.tracking.realtime.level import Level
 from mien.tracking.realtime.person import Person
+from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.posterior import PosePosterior
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+from mien.tracking.realtime.solution import Solution, View
 
 
 class PoseSolver:

@@ -32,9 +32,10 @@ from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
 from mien.tracking.realtime.mouth import MouthSearch
 from mien.tracking.realtime.person import TRUSTED, Person
+from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
-from mien.tracking.realtime.solution import Pose, Prediction, Solution, View
+from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
     UNSEEN_MOUTH_SD,

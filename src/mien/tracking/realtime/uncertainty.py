@@ -22,7 +22,7 @@ from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
 from mien.compiled import kernel
 from mien.tracking.realtime.identity import logistic
-from mien.tracking.realtime.solution import Pose
+from mien.tracking.realtime.pose import Pose
 
 NOISE_SCALE = 0.16
 """Factor of the standard deviations from the Gauss-Newton matrix where the fit is perfect and nothing hidden."""
