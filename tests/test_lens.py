@@ -25,6 +25,19 @@ def test_what_a_lens_has_bent_becomes_straight(dist_coeffs: tuple[float, ...], s
     np.testing.assert_array_equal(lens.straighten(image[..., 0]), lens.straighten(image)[..., 0])
 
 
+def test_a_fisheye_shows_angles_as_distances() -> None:
+    """Also without coefficients; what becomes straight is as with them."""
+    lens = Lens(K, (), fisheye=True)
+    tangent = np.hypot(31.5, 23.5) / 80
+    assert lens.bending == pytest.approx(1 - np.arctan(tangent) / tangent)
+    assert lens.shown_share == 1
+    for coefficients in ((), (-0.1, 0.05, 0.0, 0.0)):
+        lens = Lens(K, coefficients, fisheye=True)
+        straight = lens.straighten(bent(gradient(3), lens))
+        inside = (slice(6, -6), slice(8, -8))
+        assert np.abs(straight[inside].astype(int) - gradient(3)[inside]).max() <= 2
+
+
 def test_the_middle_keeps_its_place_and_size() -> None:
     matrix: Array = Lens(((80.0, 0.0, 31.0), (0.0, 84.0, 23.0), (0.0, 0.0, 1.0)), ()).straight_matrix
     np.testing.assert_array_equal(matrix, [[82, 0, 31], [0, 82, 23], [0, 0, 1]])

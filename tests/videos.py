@@ -82,9 +82,9 @@ def bent(image: Pixels, lens: Lens) -> Pixels:
     coefficients = np.array(lens.dist_coeffs or (0.0,) * 4)
     precise = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
     plain = K * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]  # without its skew
-    of_straight = cv2.undistortPointsIter(
-        pixels.reshape(-1, 1, 2), plain, coefficients, np.eye(3), lens.straight_matrix, precise
-    )
+    undistorted = cv2.fisheye.undistortPoints if lens.fisheye else cv2.undistortPointsIter
+    how = {"criteria": precise}
+    of_straight = undistorted(pixels.reshape(-1, 1, 2), plain, coefficients, R=np.eye(3), P=lens.straight_matrix, **how)
     columns, rows = of_straight.reshape(height, width, 2).astype(np.float32).transpose(2, 0, 1)
     return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 

@@ -20,10 +20,11 @@ _STEPS = 32
 @dataclass(frozen=True)
 class Lens:
     """camera_matrix: rows of the matrix (3, 3) of `cv2.calibrateCamera`, in pixels; dist_coeffs: its 0, 4, 5, 8, 12 or
-    14 distortion coefficients."""
+    14 distortion coefficients; fisheye: whether both are those of `cv2.fisheye.calibrate`, with 0 or 4 coefficients."""
 
     camera_matrix: tuple[tuple[float, ...], ...]
     dist_coeffs: tuple[float, ...]
+    fisheye: bool = False
 
     @property
     def straight_matrix(self) -> Array:
@@ -39,8 +40,13 @@ class Lens:
         (fx, _, cx), (_, fy, cy), _ = self.camera_matrix
         x, y = cx / fx, cy / fy
         corners = np.array([[x, y, 1.0], [-x, y, 1.0], [x, -y, 1.0], [-x, -y, 1.0]])
-        seen = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), np.eye(3), self._coefficients)[0][:, 0]
-        return float(np.linalg.norm(seen - corners[:, :2], axis=1).max() / max(np.hypot(x, y), 1e-9))
+        none, plain = np.zeros(3), np.eye(3)
+        if self.fisheye:
+            seen = cv2.fisheye.projectPoints(corners[:, None], none, none, plain, self._coefficients)[0]
+        else:
+            seen = cv2.projectPoints(corners, none, none, plain, self._coefficients)[0]
+        moved = np.linalg.norm(seen.reshape(-1, 2) - corners[:, :2], axis=1)
+        return float(moved.max() / max(np.hypot(x, y), 1e-9))
 
     @property
     def shown_share(self) -> float:
@@ -62,14 +68,9 @@ class Lens:
         which of these (H, W) the lens shows: too far out a polynomial turns back, and would show parts of the image a
         second time, mirrored or upside down."""
         K = np.array(self.camera_matrix, np.float32)
-        columns, rows = cv2.initUndistortRectifyMap(
-            K,  # without its skew
-            self._coefficients,
-            np.eye(3),
-            matrix,
-            (width, height),
-            cv2.CV_32FC1,
-        )
+        map_of = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
+        columns, rows = map_of(K, self._coefficients, np.eye(3), matrix, (width, height), cv2.CV_32FC1)
+        # Neither takes account of a skew.
         columns = columns + K[0, 1] / K[1, 1] * (rows - K[1, 2])
         (c_down, c_right), (r_down, r_right) = np.gradient(columns), np.gradient(rows)
         x, y = np.arange(width) - matrix[0, 2], np.arange(height)[:, None] - matrix[1, 2]

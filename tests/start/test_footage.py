@@ -111,8 +111,19 @@ def test_a_calibration_with_distortion_is_that_of_straight_images(distortion: An
     assert camera.lens is not None
     file.write_text(json.dumps({"camera": camera.to_dict()}))  # as a track has it
     assert read_camera(file) == camera
-    file.write_text(json.dumps({"camera_matrix": K, "dist_coeffs": distortion, "distortion_model": "equidistant"}))
-    with pytest.raises(MienError, match=r"c\.json: the lens is of the model equidistant"):
+
+
+def test_a_fisheye_is_known_by_its_model(tmp_path: Path) -> None:
+    file = tmp_path / "c.json"
+    calibration = {"camera_matrix": K, "dist_coeffs": [-0.03, 0.01, 0, 0], "distortion_model": "equidistant"}
+    file.write_text(json.dumps(calibration))
+    camera = read_camera(file)
+    assert camera == Camera.from_matrix(K, [-0.03, 0.01, 0, 0], fisheye=True)
+    assert camera != Camera.from_matrix(K, [-0.03, 0.01, 0, 0])
+    file.write_text(json.dumps({"camera": camera.to_dict()}))
+    assert read_camera(file) == camera
+    file.write_text(json.dumps(calibration | {"dist_coeffs": [0.0] * 5}))
+    with pytest.raises(MienError, match=r"c\.json: .* no distortion coefficients of a fisheye lens; give the 4 of"):
         read_camera(file)
 
 

@@ -93,16 +93,16 @@ class Camera:
         return cls(float(focal_px), 0.5 * (width - 1), 0.5 * (height - 1))
 
     @classmethod
-    def from_matrix(cls, K: ArrayLike, distortion: ArrayLike | None = None) -> Camera:
-        """Camera of a calibration by `cv2.calibrateCamera`.
+    def from_matrix(cls, K: ArrayLike, distortion: ArrayLike | None = None, *, fisheye: bool = False) -> Camera:
+        """Camera of a calibration by `cv2.calibrateCamera` or, if `fisheye`, by `cv2.fisheye.calibrate`.
 
-        K: camera matrix (3, 3) in pixels; distortion: none, or 4, 5, 8, 12 or 14 coefficients. Raises MienError for
-        anything else, and for coefficients that no lens has.
+        K: camera matrix (3, 3) in pixels; distortion: none, or 4, 5, 8, 12 or 14 coefficients, of a fisheye 4. Raises
+        MienError for anything else, and for coefficients that no lens has.
         """
         matrix = _numbers(K, "camera matrix")
         _check_matrix(matrix)
         coefficients = _numbers(() if distortion is None else distortion, "distortion coefficients").ravel()
-        lens = _checked_lens(matrix, coefficients)
+        lens = _checked_lens(matrix, coefficients, fisheye)
         (focal, _, cx), (_, _, cy), _ = lens.straight_matrix.tolist()
         (fx, skew, _), (_, fy, _), _ = lens.camera_matrix
         straight = lens.bending <= _STRAIGHT and max(abs(fx - fy), abs(skew)) <= _SQUARE * min(fx, fy)
@@ -113,10 +113,11 @@ class Camera:
         numbers = {name: getattr(self, name) for name in ("focal_px", "cx", "cy", "focal_log_sd")}
         if self.lens is None:
             return numbers
-        return numbers | {
+        calibration: dict[str, Any] = {
             "camera_matrix": [list(row) for row in self.lens.camera_matrix],
             "dist_coeffs": list(self.lens.dist_coeffs),
         }
+        return numbers | calibration | ({"distortion_model": "fisheye"} if self.lens.fisheye else {})
 
     @property
     def vector(self) -> Array:
@@ -178,19 +179,25 @@ def _check_matrix(K: Array) -> None:
     require(bool(ordinary), f"{K.tolist()} is no camera matrix; give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
 
 
-def _checked_lens(K: Array, distortion: Array) -> Lens:
+def _checked_lens(K: Array, distortion: Array, fisheye: bool) -> Lens:
     """The lens with a camera matrix and these coefficients. Raises MienError if they are none, or show less of the
     image than a lens does."""
-    counts = (0, 4, 5, 8, 12, 14)
+    counts = (0, 4) if fisheye else (0, 4, 5, 8, 12, 14)
+    known = ", ".join(map(str, counts[1:]))
     require(
         distortion.size in counts and bool(np.isfinite(distortion).all()),
-        f"{distortion.tolist()} are no distortion coefficients; give the {', '.join(map(str, counts[1:]))} of OpenCV",
+        f"{distortion.tolist()} are no distortion coefficients{' of a fisheye lens' * fisheye}; give the {known} of "
+        "OpenCV",
     )
-    lens = Lens(tuple(map(tuple, K.tolist())), tuple(distortion.tolist()))
+    lens = Lens(tuple(map(tuple, K.tolist())), tuple(distortion.tolist()), fisheye)
+    if fisheye:
+        remedy = "if they were not calibrated as a fisheye's, by cv2.fisheye, do not say so"
+    else:
+        remedy = 'if they were calibrated as a fisheye\'s, by cv2.fisheye, say so: "distortion_model": "fisheye"'
     require(
         lens.shown_share >= _MOSTLY_SHOWN,
         f"with the distortion coefficients {distortion.tolist()} the lens shows {100 * lens.shown_share:.0f} % of the "
-        "image; those of a fisheye lens, by cv2.fisheye, are others: undistort such images first",
+        f"image; {remedy}",
     )
     return lens
 

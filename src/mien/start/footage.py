@@ -23,7 +23,7 @@ from mien.initialization.landmarks import Point
 from mien.video import StraightVideo, Video, check_interval, expected_count, select, warn_of_another_size
 
 _FISHEYE = ("equidistant", "fisheye")
-"""Models of lenses as calibration files name them, whose coefficients are others than OpenCV's usual ones."""
+"""How calibration files name the model of a fisheye lens, whose coefficients have another meaning."""
 
 
 @dataclass(frozen=True)
@@ -216,14 +216,10 @@ def _pixels(stated: Any, name: str) -> int | None:
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:
     """The camera of a calibration, whose distortion coefficients are all lists that are named like "dist_coeffs"."""
-    model = str(values.get("distortion_model", ""))
-    require(
-        model not in _FISHEYE,
-        f"the lens is of the model {model}, and not of that of cv2.calibrateCamera; undistort its images first",
-    )
     lists = [(name, value) for name, value in values.items() if isinstance(value, (list, dict))]
     distortion = [_flat(value) for name, value in lists if name.lower().startswith("dist")]
-    return Camera.from_matrix(_flat(values["camera_matrix"]).reshape(3, 3), np.concatenate([[], *distortion]))
+    K, fisheye = _flat(values["camera_matrix"]).reshape(3, 3), values.get("distortion_model") in _FISHEYE
+    return Camera.from_matrix(K, np.concatenate([[], *distortion]), fisheye=fisheye)
 
 
 def _flat(values: Any) -> Array:
