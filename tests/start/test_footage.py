@@ -59,6 +59,7 @@ OF_OPENCV = {"rows": 3, "cols": 3, "dt": "d", "data": [*K[0], *K[1], *K[2]]}
     "calibration",
     [
         {"camera_matrix": K},
+        {"camera": "in the kitchen", "camera_matrix": K},
         {"camera_matrix": K, "dist_coeff": [[0.01, 0, 0, 0, 0]], "distortion_model": "plumb_bob"},
         {"camera_matrix": OF_OPENCV, "distortion_coefficients": {"rows": 1, "cols": 5, "data": [0.0] * 5}},
     ],

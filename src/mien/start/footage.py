@@ -175,7 +175,8 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         stated = _size_stated(values)
         if size:
             warn_of_another_size(f"{path} has the camera", stated, size, "scale its numbers alike")
-        values = values.get("camera", values)
+        if "camera_matrix" not in values:  # a calibration may have the camera's name
+            values = values.get("camera", values)
         if "camera_matrix" in values:
             return _calibrated(values)
         log_sd = float(values.get("focal_log_sd", 0.0))
