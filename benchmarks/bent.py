@@ -16,8 +16,8 @@ from functools import cache
 import cv2
 import numpy as np
 from beside import turned
-from shared.command_line import carry_out, parser_of, print_heads
-from shared.runs import TRACKERS, Run, cells_of, scored, track, wrong_share
+from shared.command_line import carry_out, parser_of
+from shared.runs import Run, judged, print_judged
 
 from mien.arrays import Float32
 from mien.evaluation.datasets import load_dataset
@@ -33,7 +33,7 @@ from mien.video import open_video
 
 TURN_DEG = 10.0
 SHARES = (0.0, 0.03, 0.08, 0.16, 0.31)
-"""By which corners move; of cheap webcams mostly less than the second, of wide ones up to the fourth."""
+"""By which corners move."""
 
 
 def lens_of(camera: Camera, share: float) -> Lens:
@@ -77,21 +77,17 @@ def runs(sequence: Sequence) -> Iterator[tuple[str, str, Run]]:
             yield f"{100 * share:.0f} %", calibrated, Run(sequence, shown, truth, marks)
 
 
-def rows(sequence: Sequence) -> Iterator[tuple[str, str, str, Score, float]]:
-    """Share, whether the lens is known, tracker, score and share of believed wrong frames of each run."""
+def rows(sequence: Sequence) -> Iterator[tuple[tuple[str, ...], Score, float]]:
+    """Share, whether the lens is known, and tracker; score and share of believed wrong frames of each run."""
     for share, calibrated, run in runs(sequence):
-        for tracker, new in TRACKERS.items():
-            estimates = track(new(), run)
-            yield share, calibrated, tracker, scored(estimates, run, tracker), wrong_share(estimates, run)
+        for tracker, score, wrong in judged(run):
+            yield (share, calibrated, tracker), score, wrong
 
 
 def main() -> None:
     parser = parser_of(__doc__, "path")
     made = [row for sequence in load_dataset("rendered", parser.parse_args().path) for row in rows(sequence)]
-    print_heads("corners move by", "lens is known", "tracker", "error", "90 %", "lost", "believed and wrong")
-    for share, calibrated, tracker in dict.fromkeys(row[:3] for row in made):
-        scores, wrong = zip(*[row[3:] for row in made if row[:3] == (share, calibrated, tracker)], strict=True)
-        print(f"| {share} | {calibrated} | {tracker} | {cells_of(scores, wrong, tracker == 'realtime')} |")
+    print_judged(("corners move by", "lens is known", "tracker"), made)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from shared.command_line import carry_out, parser_of, print_heads
-from shared.runs import TRACKERS, Run, cells_of, landmarks_of, prepare, scored, track, wrong_share
+from shared.command_line import carry_out, parser_of
+from shared.runs import Run, judged, landmarks_of, prepare, print_judged
 from skimage import data
 
 from mien.arrays import Array, Pixels
@@ -89,12 +89,11 @@ def _covered(frame: Frame, points: Array, part: Part, picture: Pixels) -> Frame:
     return Frame(np.round((1 - share) * frame.pixels + share * board).astype(np.uint8), frame.index, frame.time)
 
 
-def rows(run: Run) -> Iterator[tuple[str, str, Score, float]]:
-    """Cover, tracker, score and share of believed wrong frames, of a sequence without a cover and with each."""
+def rows(run: Run) -> Iterator[tuple[tuple[str, ...], Score, float]]:
+    """Cover and tracker, score and share of believed wrong frames, of a sequence without a cover and with each."""
     for name, shown in _with_covers(run):
-        for tracker, new in TRACKERS.items():
-            estimates = track(new(), shown)
-            yield name, tracker, scored(estimates, shown, tracker), wrong_share(estimates, shown)
+        for tracker, score, wrong in judged(shown):
+            yield (name, tracker), score, wrong
 
 
 def _with_covers(run: Run) -> Iterator[tuple[str, Run]]:
@@ -108,10 +107,7 @@ def _with_covers(run: Run) -> Iterator[tuple[str, Run]]:
 def main() -> None:
     parser = parser_of(__doc__, "path")
     made = [row for s in load_dataset("rendered", parser.parse_args().path) for row in rows(prepare(s))]
-    print_heads("covered", "tracker", "error", "90 %", "lost", "believed and wrong")
-    for name, tracker in dict.fromkeys(row[:2] for row in made):
-        scores, wrong = zip(*[row[2:] for row in made if row[:2] == (name, tracker)], strict=True)
-        print(f"| {name} | {tracker} | {cells_of(scores, wrong, tracker == 'realtime')} |")
+    print_judged(("covered", "tracker"), made)
 
 
 if __name__ == "__main__":

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from shared.command_line import print_heads
 
 from mien.arrays import Array
 from mien.baselines.mediapipe import MediaPipeTracker
@@ -102,6 +103,22 @@ def cells_of(scores: tuple[Score, ...], wrong: tuple[float, ...], intervals: boo
     error, lost = pooled_errors(scores).mean(), sum(score.lost for score in scores)
     held = calibration_cells(scores)[COVERAGE_LEVELS.index(ANGLE_LEVEL)] if intervals else ""
     return f"{error:.2f} | {held} | {lost} | {1000 * np.mean(wrong):.0f}"
+
+
+def judged(run: Run) -> Iterator[tuple[str, Score, float]]:
+    """The name of each of TRACKERS, the score of what it makes of a run, and the share of believed wrong frames."""
+    for name, new in TRACKERS.items():
+        estimates = track(new(), run)
+        yield name, scored(estimates, run, name), wrong_share(estimates, run)
+
+
+def print_judged(labels: tuple[str, ...], made: list[tuple[tuple[str, ...], Score, float]]) -> None:
+    """A Markdown table with a row for all that has the same labels, of which the last is the tracker. made: labels,
+    score and share of believed wrong frames of each run."""
+    print_heads(*labels, "error", "90 %", "lost", "believed and wrong")
+    for same in dict.fromkeys(row[0] for row in made):
+        scores, wrong = zip(*[row[1:] for row in made if row[0] == same], strict=True)
+        print(f"| {' | '.join(same)} | {cells_of(scores, wrong, same[-1] == 'realtime')} |")
 
 
 def print_tables(scores: Iterable[Score], tables: Iterable[Callable[[Scores], Table]]) -> None:

@@ -28,8 +28,8 @@ class Frame:
     """
 
     def __init__(self, pixels: NDArray[Any] | Recorded, index: int = 0, time: float = 0.0) -> None:
-        """pixels: (H, W, 3) uint8 RGB, (H, W) uint8 of a grey image, or a decoded image. Raises MienError for anything
-        else."""
+        """pixels: (H, W, 3) uint8 RGB, (H, W) uint8 of a grey image, or one whose pixels are made on demand. Raises
+        MienError for anything else."""
         if not isinstance(pixels, Recorded):
             _check(pixels)
         numbers = isinstance(index, (int, np.integer)) and isinstance(time, Real)

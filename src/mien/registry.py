@@ -150,13 +150,13 @@ def _fault(estimate: Estimate) -> str | None:
         return f"a covariance with the negative variance {np.diag(estimate.covariance).min():g}"
     if not (estimate.closing is None or _is_closing(estimate.closing)):
         return f"the closing {reprlib.repr(estimate.closing)}, which is no mien.Closing of finite numbers"
-    if not isinstance(estimate.landmarks, TrackedLandmarks | None):
-        return f"the landmarks {reprlib.repr(estimate.landmarks)}, which are no mien.TrackedLandmarks"
     return None if estimate.landmarks is None else _fault_of_landmarks(estimate.landmarks)
 
 
-def _fault_of_landmarks(landmarks: TrackedLandmarks) -> str | None:
+def _fault_of_landmarks(landmarks: object) -> str | None:
     """What of landmarks is not as `TrackedLandmarks` says; None if all is."""
+    if not isinstance(landmarks, TrackedLandmarks):
+        return f"the landmarks {reprlib.repr(landmarks)}, which are no mien.TrackedLandmarks"
     n = len(landmarks.names)
     if not all(isinstance(name, str) for name in landmarks.names):
         return f"landmarks with the names {reprlib.repr(tuple(landmarks.names))}, which are not all text"

@@ -45,10 +45,9 @@ class Footage:
     _read: list[Generator[Frame, None, None]] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_options(self)
-        lens = None if self.camera is None else _given(self.camera).lens
-        if lens is not None and not isinstance(self.video, StraightVideo):
-            object.__setattr__(self, "video", StraightVideo(self.video, lens))
+        camera = check_options(self)
+        if camera is not None and camera.lens is not None and not isinstance(self.video, StraightVideo):
+            object.__setattr__(self, "video", StraightVideo(self.video, camera.lens))
 
     def frames(self) -> Generator[Frame, None, None]:
         """The frames of this part, decoded from the beginning; see `select`."""
@@ -123,8 +122,9 @@ class FootageOptions(Protocol):
     def end(self) -> float | None: ...
 
 
-def check_options(options: FootageOptions) -> None:
-    """Raise MienError for options that no video allows, and for a file of a camera that cannot be read."""
+def check_options(options: FootageOptions) -> Camera | None:
+    """The camera that the options give, None for none or a number alone. Raises MienError for options that no video
+    allows, and for a file of a camera that cannot be read."""
     for name in ("start", "end", "focal_px", "fov_deg"):
         value = getattr(options, name)
         number = value is None or (isinstance(value, Real) and math.isfinite(value))
@@ -135,8 +135,7 @@ def check_options(options: FootageOptions) -> None:
     check_interval(options.start, options.end)
     given = [v for v in (options.camera, options.focal_px, options.fov_deg) if v is not None]
     require(len(given) <= 1, "the camera is given in more than one way; give a file, a focal length or a field of view")
-    if options.camera is not None:
-        _given(options.camera)
+    return None if options.camera is None else _given(options.camera)
 
 
 def requested_options(

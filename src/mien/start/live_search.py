@@ -23,7 +23,6 @@ _PATIENCE = 3.0
 _SHUT = 0.15
 """Height of the eyes over their width below which they are shut: on recordings of 12 people mostly 0.2 to 0.4, and 0.03
 to 0.1 in blinks."""
-
 _UPRIGHT = math.radians(60.0)
 """Roll of a face up to which detectors see it as well as an upright one."""
 
