@@ -221,29 +221,41 @@ class HoldSettings(Settings):
     )
 
 
-class MouthSettings(Settings):
-    """The lips, as the skin beside them shows them, and when other mouths are tried than the one that was found."""
+class SkinSettings(Settings):
+    """Lips and brows, as the skin that moves with them shows them."""
 
-    jaw_distance: float = Field(
-        3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
-    )
-    skin_energy: float = Field(
-        50.0, ge=0, description="energy that skin of chin or upper lip exactly as in the first frame is worth"
+    energy: float = Field(
+        50.0,
+        ge=0,
+        description="energy that skin above the upper lip, or the brows, exactly as in the first frame are worth",
     )
     corner_energy: float = Field(
         15.0, ge=0, description="the same, of the skin around the corners of the mouth, and of both together"
     )
-    skin_least: float = Field(
+    least: float = Field(
         0.5,
         ge=-1,
         le=1,
         description="correlation of skin beside the lips with the first frame below which it says nothing",
     )
-    skin_gain: float = Field(
+    brow_least: float = Field(0.8, ge=-1, le=1, description="the same, of the brows")
+    gain: float = Field(
         0.2, ge=0, description="by how much that correlation must be higher elsewhere for a prediction to be given up"
     )
-    skin_turn_deg: float = Field(
-        3.0, gt=0, description="rotation of the head at which what that skin says counts for half"
+    turn_deg: float = Field(
+        3.0, gt=0, description="rotation of the head at which what the skin beside the lips says counts for half"
+    )
+    brow_turn_deg: float = Field(8.0, gt=0, description="the same, of the brows")
+
+
+class MouthSettings(Settings):
+    """When other mouths are tried than the one that was found."""
+
+    jaw_distance: float = Field(
+        3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
+    )
+    chin_energy: float = Field(
+        50.0, ge=0, description="energy that skin of the chin exactly as in the first frame is worth"
     )
     chin_seen: float = Field(
         0.8, ge=-1, le=1, description="correlation of the chin with the first frame above which it is certainly seen"
@@ -357,6 +369,7 @@ class RealtimeSettings(Settings):
     rest: RestSettings = RestSettings()
     motion: MotionSettings = MotionSettings()
     hold: HoldSettings = HoldSettings()
+    skin: SkinSettings = SkinSettings()
     mouth: MouthSettings = MouthSettings()
     recovery: RecoverySettings = RecoverySettings()
     shape: ShapeSettings = ShapeSettings()

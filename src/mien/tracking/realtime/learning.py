@@ -29,7 +29,7 @@ from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.level import Level, Noise
-from mien.tracking.realtime.skin import CHIN, CORNERS, UPPER_LIP
+from mien.tracking.realtime.skin import BROWS, CHIN, CORNERS, UPPER_LIP
 
 CROP_UNITS = 1.75
 """Side of a crop in CANDIDE units: the landmarks, their patches, and room to move."""
@@ -58,9 +58,9 @@ _CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("rig
 @dataclass(frozen=True)
 class LearnedFace:
     """The result of training: neutral landmarks (n, 3), their normals (n, 3) and the surface around each (n, m, 3),
-    relative to it, in head axes; likewise the skin of the chin (k, 3), above the upper lip (l, 3), and around the right
-    and the left corner of the mouth (2, j, 3), relative to the carriers of these regions; the coarse and the fine
-    level."""
+    relative to it, in head axes; likewise the skin of the chin (k, 3), above the upper lip (l, 3), around the right
+    and the left corner of the mouth (2, j, 3), and of the right and the left brow (2, i, 3), relative to the carriers
+    of these regions; the coarse and the fine level."""
 
     neutral: Array
     normals: Array
@@ -68,6 +68,7 @@ class LearnedFace:
     chin: Array
     upper_lip: Array
     corners: Array
+    brows: Array
     coarse: Level
     fine: Level
 
@@ -89,11 +90,12 @@ def learn_face(
     fine = _learn_level(first, settings.descriptor, settings.views.per_angle, settings)
     neutral = first.points - np.tensordot(fit.animation, fit.model.animation_units[:, vertices], axes=1)
     patches = _around_each(points, _patches(len(points), settings.motion), surface, fit, camera)
-    chin, upper_lip, *corners = (
+    chin, upper_lip, *sides = (
         _around_each(points[[region.carrier]], _in_image(region.offsets, fit.R), surface, fit, camera)[0]
-        for region in (CHIN, UPPER_LIP, *CORNERS)
+        for region in (CHIN, UPPER_LIP, *CORNERS.sides, *BROWS.sides)
     )
-    return LearnedFace(neutral, normals, patches, chin, upper_lip, np.stack(corners), coarse, fine)
+    corners, brows = np.stack(sides[:2]), np.stack(sides[2:])
+    return LearnedFace(neutral, normals, patches, chin, upper_lip, corners, brows, coarse, fine)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,9 @@
-"""The mouth by the skin beside the lips, where it moves further than its patches reach, and where what was measured of
-its motion has led it astray."""
+"""The mouth where it moves further than its patches reach, and where what was measured of its motion has led it
+astray."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,21 +11,15 @@ from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH
 from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
-from mien.tracking.realtime.definite import solve_definite
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior
-from mien.tracking.realtime.skin import CHIN, CORNERS, UPPER_LIP, Corners, Skin
+from mien.tracking.realtime.skin import CHIN, Skin
 from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 
 _JAWS = np.linspace(-0.3, 1.5, 13)
 """Values of jaw_drop at which the chin is looked for."""
-_LIPS = np.linspace(-1.5, 1.5, 21)
-"""Values of upper_lip_raiser, from that at rest, at which the skin above the upper lip is looked for."""
-_LEAST_WIDENING = 0.02
-"""CANDIDE units by which lip_stretcher moves the corners of the mouth outwards, 0.09 in CANDIDE-3, below which that of
-another face model is not looked for there."""
 _JAW_STARTS = (0.0, 0.35, 0.7, 1.05)
 """Values of jaw_drop from which the solver starts again where the mouth does not fit."""
 _OPEN = 0.25
@@ -35,26 +28,10 @@ _OTHER_JAW = 0.175
 """Difference of jaw_drop from which on a mouth is open to another degree."""
 
 
-class _Likeness(NamedTuple):
-    """How much some skin looks as in the first frame, as correlations (k,), at values (k,) of the unit that moves it;
-    and the energy that skin exactly as there is worth."""
-
-    unit: int
-    values: Array
-    likeness: Array
-    energy: float
-
-    def is_found(self, least: float) -> bool:
-        """Whether it is at least that much alike at one of the values, and less so on either side of it."""
-        most = int(self.likeness.argmax())
-        return bool(self.likeness[most] >= least) and 0 < most < len(self.values) - 1
-
-
 class MouthSearch:
-    """Looks for the lips by the skin beside them, and starts the solver again from other mouths where the one that it
-    found does not fit. widening: CANDIDE units by which lip_stretcher moves a corner of the mouth outwards;
-    strange_frames: for how many frames a moved mouth has not fitted; is_open: whether the chin has shown that the mouth
-    opened, and it has not closed."""
+    """Starts the solver again from other mouths where the one that it found does not fit. strange_frames: for how many
+    frames a moved mouth has not fitted; is_open: whether the chin has shown that the mouth opened, and it has not
+    closed."""
 
     def __init__(
         self,
@@ -67,50 +44,8 @@ class MouthSearch:
     ) -> None:
         """view, first: the crop of the first frame, and the pose of the face in it."""
         self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
-        face, crop = person.face, (view.image, person.arrays, first.arrays, view.geometry)
-        self.chin, self.upper_lip = Skin(CHIN, face.chin, *crop), Skin(UPPER_LIP, face.upper_lip, *crop)
-        self.corners = Corners(face.corners, *crop)
-        outwards = [np.sign(side.offsets[-1, 0]) * person.units[side.unit, side.carrier, 0] for side in CORNERS]
-        self.widening = float(np.mean(outwards))
+        self.chin = Skin(CHIN, person.face.chin, view.image, person.arrays, first.arrays, view.geometry)
         self.strange_frames, self.is_open = 0, False
-
-    def with_skin(self, view: View, predicted: Prediction) -> Prediction:
-        """A prediction, and where the skin above the upper lip and around the corners of the mouth is seen. Lips that
-        bare the teeth look strange wherever they are, and what was measured of their motion is drawn back to rest."""
-        s, rest = self.settings, self.prior.rest
-        if self.person.is_masked:
-            return predicted
-        crop = view.image, self.person.arrays, predicted.pose.arrays, view.geometry
-        lips = rest[UPPER_LIP.unit] + _LIPS
-        skins = [_Likeness(UPPER_LIP.unit, lips, self.upper_lip.likeness(*crop, lips), s.skin_energy)]
-        likeness = self.corners.likeness(*crop)
-        row = int(likeness.argmax()) // likeness.shape[1]  # how far down they are does not say how far out
-        if 0 < row < len(likeness) - 1 and self.widening >= _LEAST_WIDENING:
-            unit = CORNERS[0].unit
-            stretched = rest[unit] + self.corners.shifts / self.widening
-            skins.append(_Likeness(unit, stretched, likeness[row], s.corner_energy))
-        found = [skin for skin in skins if skin.is_found(s.skin_least)]
-        return self._moved(predicted, found) if found else predicted
-
-    def _moved(self, predicted: Prediction, skins: list[_Likeness]) -> Prediction:
-        """A prediction, and that some skin is most like that of the first frame at some value of its unit. How certain
-        that is follows from how sharply the likeness falls beside it; the further a head turns, the more the skin looks
-        otherwise by that."""
-        s, pose = self.settings, predicted.pose
-        trust = 1 / (1 + self.prior.turned(pose, s.skin_turn_deg))
-        information, gradient = predicted.information.copy(), np.zeros(12)
-        for unit, values, likeness, energy in skins:
-            k = int(likeness.argmax())
-            before, most, behind = likeness[k - 1 : k + 2].tolist()
-            step, bend = float(values[1] - values[0]), max(2 * most - before - behind, 1e-6)
-            seen = float(values[k]) + step * (behind - before) / (2 * bend)  # the top of a parabola
-            if trust * (most - np.interp(float(pose.animation[unit]), values, likeness)) > s.skin_gain:
-                pose = pose.with_unit(unit, seen)  # what was predicted is not there
-            certain = trust * energy * bend / step**2
-            information[6 + unit, 6 + unit] += certain
-            gradient[6 + unit] = certain * (seen - float(pose.animation[unit]))
-        pose = pose.moved(solve_definite(information, gradient))
-        return replace(predicted, pose=pose, information=information)
 
     def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
@@ -128,13 +63,13 @@ class MouthSearch:
         self.is_open |= elsewhere[most] > s.chin_seen and float(_JAWS[most]) >= open_from
         if fits:
             return best
-        lowest = best.energy - s.skin_energy * seen
+        lowest = best.energy - s.chin_energy * seen
         starts = (float(_JAWS[most]), *_JAW_STARTS) if elsewhere[most] > s.chin_least else _JAW_STARTS
         for jaw in starts:
             if abs(jaw - float(best.pose.animation[JAW_DROP])) > _OTHER_JAW:
                 candidate = self.solver.solve(view, best.pose.with_unit(JAW_DROP, jaw), predicted)
                 (seen,) = self._chin(view, candidate.pose)
-                energy = candidate.energy - s.skin_energy * seen
+                energy = candidate.energy - s.chin_energy * seen
                 if energy < lowest:
                     best, lowest = candidate, energy
         return best

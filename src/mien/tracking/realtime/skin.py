@@ -1,13 +1,16 @@
-"""Skin beside the lips, which moves with them: where it looks as in the first frame, there the lip is.
+"""Skin that moves with lips and brows: where it looks as in the first frame, there they are.
 
 A mouth that opens, or bares its teeth, shows what the first frame did not, so that the landmarks of the lips look
 strange wherever they are. The skin between lower lip and chin, which the jaw carries, stays as it is; that between nose
-and upper lip stretches between them; that around the corners of the mouth moves over the face with them.
+and upper lip stretches between them; that around the corners of the mouth moves over the face with them, and so do the
+brows, over which the forehead folds.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import cv2
@@ -60,25 +63,58 @@ UPPER_LIP = _region(
 """The border of the upper lip, and the skin above it, as far as the nose."""
 
 _SPACING = 0.022
-"""CANDIDE units between the points of the lattice around a corner of the mouth."""
-_INNER, _OUTER, _ABOVE, _BELOW = 4, 6, 9, 7
-"""How many of these the skin that is looked for extends from the corner: towards the mouth, away from it, up and
-down."""
-_IN, _OUT, _UP_DOWN = 5, 8, 6
-"""By how many of these it is looked for elsewhere: towards the mouth, away from it, and up or down."""
-_ROWS, _COLUMNS = _ABOVE + _BELOW + 1, _INNER + _OUTER + 1
-"""Size of that skin, in points."""
+"""CANDIDE units between the points of a lattice of `SlidingRegion`."""
 
 
-def _corner(side: str, outwards: int) -> Region:
-    """The lattice around a corner of the mouth, row by row, each from the mouth outwards; it stays on the face."""
-    out = outwards * _SPACING * np.arange(-_INNER - _IN, _OUTER + _OUT + 1)
-    down = _SPACING * np.arange(-_ABOVE - _UP_DOWN, _BELOW + _UP_DOWN + 1)
-    return _region(f"{side}_mouth_corner_outer", TRACKED_UNITS.index("lip_stretcher"), out, down)
+@dataclass(frozen=True)
+class SlidingRegion:
+    """Skin on either side that slides over the face with a landmark, on a lattice of points: how many of them it
+    extends from the landmark towards the middle of the face, away from it, up and down; and by how many it is looked
+    for elsewhere in these directions. landmark: its name without its side; unit: one that moves it."""
+
+    landmark: str
+    unit: str
+    inner: int
+    outer: int
+    above: int
+    below: int
+    inwards: int
+    outwards: int
+    up: int
+    down: int
+
+    @cached_property
+    def sides(self) -> tuple[Region, Region]:
+        """The lattices around the right and the left landmark, row by row, each from the middle of the face outwards;
+        they stay where they are."""
+        outwards = _SPACING * np.arange(-self.inner - self.inwards, self.outer + self.outwards + 1)
+        down = _SPACING * np.arange(-self.above - self.up, self.below + self.down + 1)
+        unit = TRACKED_UNITS.index(self.unit)
+        return _region(f"right_{self.landmark}", unit, -outwards, down), _region(
+            f"left_{self.landmark}", unit, outwards, down
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of a lattice."""
+        rows = self.up + self.above + 1 + self.below + self.down
+        return rows, self.inwards + self.inner + 1 + self.outer + self.outwards
+
+    @property
+    def skin(self) -> tuple[slice, slice]:
+        """Rows and columns of the lattice that hold the skin in the first frame."""
+        rows = slice(self.up, self.up + self.above + 1 + self.below)
+        return rows, slice(self.inwards, self.inwards + self.inner + 1 + self.outer)
 
 
-CORNERS = _corner("right", -1), _corner("left", 1)
-"""The surroundings of the right and the left corner of the mouth."""
+CORNERS = SlidingRegion(
+    "mouth_corner_outer", "lip_stretcher", inner=4, outer=6, above=9, below=7, inwards=5, outwards=8, up=6, down=6
+)
+"""The surroundings of the corners of the mouth."""
+BROWS = SlidingRegion(
+    "brow_top", "outer_brow_raiser", inner=6, outer=6, above=6, below=5, inwards=1, outwards=1, up=10, down=8
+)
+"""The middles of the brows."""
 
 
 class Skin:
@@ -110,35 +146,38 @@ class Skin:
         return likeness
 
 
-class Corners:
-    """The skin around the corners of the mouth in the first frame, and how far it has moved over the face. shifts:
-    (14,) distances outwards at which it is looked for, CANDIDE units."""
+class SlidingSkin:
+    """What the skin of a `SlidingRegion` looks like in the first frame, and how far it has moved over the face.
+    outwards, down: distances (k,), (m,) at which it is looked for, CANDIDE units."""
 
-    shifts = _SPACING * np.arange(-_IN, _OUT + 1)
-
-    def __init__(self, points: Array, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays) -> None:
-        """points: (2, j, 3) of `CORNERS`, relative to their carriers, head axes; image, pose, view: the crop of the
+    def __init__(
+        self,
+        region: SlidingRegion,
+        points: Array,
+        image: Float32,
+        person: PersonArrays,
+        pose: PoseArrays,
+        view: ViewArrays,
+    ) -> None:
+        """points: (2, j, 3) of its sides, relative to their carriers, head axes; image, pose, view: the crop of the
         first frame, and the face in it."""
-        self.first = pose[2].copy()
-        self.skins = [Skin(*of_side, image, person, pose, view) for of_side in zip(CORNERS, points, strict=True)]
-        rows, columns = slice(_UP_DOWN, _UP_DOWN + _ROWS), slice(_IN, _IN + _COLUMNS)
-        self.templates = [_lattice(skin.values)[rows, columns].copy() for skin in self.skins]
+        self.region, self.first = region, pose[2].copy()
+        sides = zip(region.sides, points, strict=True)
+        self.skins = [Skin(*of_side, image, person, pose, view) for of_side in sides]
+        self.templates = [skin.values.reshape(region.shape)[region.skin].copy() for skin in self.skins]
+        self.outwards = _SPACING * np.arange(-region.inwards, region.outwards + 1)
+        self.down = _SPACING * np.arange(-region.up, region.down + 1)
 
     def likeness(self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays) -> Array:
-        """Correlations (13, 14), mean of both corners, of the skin around them in the first frame with what a crop, in
-        which the face is at a pose, shows where it would be if it had moved down and outwards."""
+        """Correlations (m, k), mean of both sides, of the skin in the first frame with what a crop, in which the face
+        is at a pose, shows where it would be if it had moved `down` and `outwards`."""
         R, t, _ = pose
-        shown = [_lattice(skin.look(image, person, (R, t, self.first), view)) for skin in self.skins]
+        shown = [skin.look(image, person, (R, t, self.first), view) for skin in self.skins]
         right, left = (
-            cv2.matchTemplate(of_side, template, cv2.TM_CCOEFF_NORMED)
+            cv2.matchTemplate(of_side.reshape(self.region.shape), template, cv2.TM_CCOEFF_NORMED)
             for of_side, template in zip(shown, self.templates, strict=True)
         )
         return np.asarray((right + left) / 2)
-
-
-def _lattice(values: Float32) -> Float32:
-    """Values (j,) at the points of a corner, as rows of them."""
-    return values.reshape(_ROWS + 2 * _UP_DOWN, -1)
 
 
 @kernel()

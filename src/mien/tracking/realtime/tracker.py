@@ -35,6 +35,7 @@ from mien.tracking.realtime.person import TRUSTED, Person
 from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.recovery import Recovery
+from mien.tracking.realtime.skin_search import SkinSearch
 from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
 from mien.tracking.realtime.uncertainty import (
@@ -149,6 +150,7 @@ class RealtimeTracker:
             view, solution = self.solver.refine(frame, self.prior.prediction(self.pose, self.pose))
             self.pose = solution.pose
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
+        self.skin = SkinSearch(self.person, self.prior, view, self.pose, self.settings.skin)
         self.mouth = MouthSearch(self.person, self.solver, self.prior, view, self.pose, self.settings.mouth)
         self._remember(frame, view, solution)
         self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
@@ -335,14 +337,14 @@ class RealtimeTracker:
         return replace(found, pose=found.pose.moved(-back))
 
     def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
-        """The prediction corrected by the motion of the pixels since the last frame, and by where the skin beside the
-        lips is."""
+        """The prediction corrected by the motion of the pixels since the last frame, and by where the skin that moves
+        with lips and brows is."""
         prior = self.prior.arrays(predicted)
         moved, measured = self.motion.measure(view.image, self.person.arrays, prior, view.geometry)
         pose = Pose(*moved)
         step = self.pose.step_to(pose)
         information = self.motion.information_of(measured, prior.information, self.step_covariance, step)
-        return self.mouth.with_skin(view, Prediction(pose, information, self.pose))
+        return self.skin.with_skin(view, Prediction(pose, information, self.pose))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Store what the next frame is compared with: the patches and the surroundings. Returns the correlations of the

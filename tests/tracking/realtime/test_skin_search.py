@@ -1,0 +1,232 @@
+"""Lips and brows that the skin shows where they are, although they look strange there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from mien.arrays import Array
+from mien.candide.model import TRACKED_UNITS, Candide
+from mien.frame import Frame
+from mien.geometry.rotation import matrix_from_euler
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.synthetic import SyntheticSequence
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.realtime.pose import Prediction
+from mien.tracking.realtime.skin import BROWS, CORNERS, UPPER_LIP
+from mien.tracking.realtime.solution import View
+from moved_mouth import moved_unit, with_mouth
+from small_motion import begun, face
+
+STRETCHER, RAISER = (TRACKED_UNITS.index(name) for name in ("lip_stretcher", "outer_brow_raiser"))
+RAISED, STRETCHED = 0.8, 0.8
+BROWS_UP = 0.08
+"""CANDIDE units."""
+TEETH = 230
+
+
+@cache
+def still() -> SyntheticSequence:
+    return moved_unit(STRETCHER, 0.0)
+
+
+@cache
+def raising() -> SyntheticSequence:
+    return moved_unit(UPPER_LIP.unit, RAISED)
+
+
+def test_teeth_do_not_hide_a_raised_upper_lip() -> None:
+    tracker, sequence = begun(raising().frames[0]), raising()
+    for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
+        tracker.track(with_mouth(frame, landmarks, TEETH, 4))
+    raised = tracker.pose.animation[UPPER_LIP.unit] - tracker.first_animation[UPPER_LIP.unit]
+    assert raised == pytest.approx(RAISED, abs=0.2)
+
+
+def _stretched(tracker: RealtimeTracker, frame: Frame, landmarks: Array, stretched: float) -> Frame:
+    """The frame with the skin around the corners of the mouth moved outwards by a value of lip_stretcher, as of real
+    faces: CANDIDE moves the corner alone."""
+    pixels_per_unit = tracker.camera.focal_px / tracker.pose.t[2]
+    v, u = np.indices((frame.height, frame.width)).astype(np.float32)
+    moved_by = np.zeros_like(u)
+    for side in CORNERS.sides:
+        x, y = landmarks[side.carrier]
+        away = np.hypot(u - x, v - y) / (0.25 * pixels_per_unit)
+        moved_by += np.sign(side.offsets[-1, 0]) * np.exp(-(away**2) / 2)
+    moved_by *= stretched * tracker.skin.widening[STRETCHER] * pixels_per_unit
+    pixels = cv2.remap(frame.pixels, (u - moved_by).astype(np.float32), v, cv2.INTER_LINEAR)
+    return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
+
+
+def _corners(tracker: RealtimeTracker, frame: Frame) -> tuple[Array, float]:
+    """The likeness of the corners of the mouth in a frame, and how far outwards it is greatest."""
+    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    corners = tracker.skin.corners
+    likeness = corners.likeness(view.image, tracker.person.arrays, tracker.pose.arrays, view.geometry)
+    return likeness, corners.outwards[np.unravel_index(likeness.argmax(), likeness.shape)[1]]
+
+
+@pytest.mark.parametrize("stretched", [-STRETCHED, 0.0, STRETCHED])
+def test_the_corners_of_the_mouth_are_found_by_the_skin_around_them(stretched: float) -> None:
+    sequence, tracker = still(), begun(still().frames[0])
+    frame = _stretched(tracker, sequence.frames[1], sequence.landmarks[1], stretched)
+    likeness, out = _corners(tracker, frame)
+    assert likeness.max() > 0.8
+    assert likeness.argmax() // likeness.shape[1] == len(likeness) // 2  # no lower, no higher
+    assert out == pytest.approx(stretched * tracker.skin.widening[STRETCHER], abs=0.025)
+
+
+def test_teeth_do_not_hide_a_grin() -> None:
+    sequence, tracker = still(), begun(still().frames[0])
+    for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
+        grin = _stretched(tracker, frame, landmarks, STRETCHED)
+        tracker.track(with_mouth(grin, landmarks, TEETH, 4))
+    stretched = tracker.pose.animation[STRETCHER] - tracker.first_animation[STRETCHER]
+    assert stretched == pytest.approx(STRETCHED, abs=0.2)
+
+
+@pytest.mark.parametrize("factor", [0.01, -1.0])
+def test_the_skin_says_nothing_of_a_unit_that_does_not_move_the_corners_outwards(factor: float) -> None:
+    """A face model of one's own may have another lip_stretcher: what the skin shows would be a hundred of it."""
+    model = Candide.default()
+    units = model.animation_units.copy()
+    units[model.animation_unit_names.index("lip_stretcher")] *= factor
+    tracker = RealtimeTracker(model=replace(model, animation_units=units))
+    first, landmarks = still().frames[0], Landmarks(still().landmarks[0], "candide26")
+    tracker.initialize(first, landmarks, face().camera)
+    grin = _stretched(begun(first), still().frames[1], still().landmarks[1], STRETCHED)
+    view = tracker.solver.view(tracker.face.fine, grin, tracker.pose)
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    found = tracker.skin.with_skin(view, predicted)
+    assert found.pose.animation[STRETCHER] == pytest.approx(predicted.pose.animation[STRETCHER], abs=0.01)
+
+
+@pytest.mark.parametrize("roll_deg", [-25.0, 90.0])
+def test_the_skin_beside_the_lips_is_where_it_is_however_the_head_is_held(roll_deg: float) -> None:
+    """What it looks like is what it looks like upright, so that it is found as it is there."""
+    upright, aslant = begun(still().frames[0]), RealtimeTracker()
+    sequence = moved_unit(STRETCHER, 0.0, roll_deg)
+    aslant.initialize(sequence.frames[0], Landmarks(sequence.landmarks[0], "candide26"), face().camera)
+    for looks in zip(*([t.mouth.chin.values, t.skin.upper_lip.values] for t in (upright, aslant)), strict=True):
+        assert np.corrcoef(*looks)[0, 1] > 0.9
+    for looks in zip(upright.skin.corners.templates, aslant.skin.corners.templates, strict=True):
+        assert np.corrcoef(*(look.ravel() for look in looks))[0, 1] > 0.9
+
+
+def test_the_further_a_head_turns_the_less_the_skin_says_of_the_upper_lip() -> None:
+    tracker, frame = begun(raising().frames[0]), raising().frames[1]
+    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    entry, ahead = 6 + UPPER_LIP.unit, tracker.prior.seen_from
+    added = []
+    for degrees in (0, 3, 30):
+        tracker.prior.seen_from = matrix_from_euler(np.radians([0, degrees, 0])) @ ahead
+        found = tracker.skin.with_skin(view, predicted)
+        added.append(found.information[entry, entry] - predicted.information[entry, entry])
+        assert found.pose.animation[UPPER_LIP.unit] > tracker.pose.animation[UPPER_LIP.unit]
+    assert added[0] == pytest.approx(2 * added[1], rel=0.01)
+    assert added[2] < added[0] / 50
+
+
+def test_skin_that_is_hidden_says_nothing_of_the_upper_lip() -> None:
+    tracker, pixels = begun(raising().frames[0]), raising().frames[1].pixels.copy()
+    pixels[:] = np.random.default_rng(0).integers(0, 256, pixels.shape)
+    view = tracker.solver.view(tracker.face.fine, Frame(pixels, 1, 0.04), tracker.pose)
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    assert tracker.skin.with_skin(view, predicted) is predicted
+
+
+def _with_brows(tracker: RealtimeTracker, frame: Frame, landmarks: Array, up: float) -> Frame:
+    """The frame with the brows and the skin around them moved up by some CANDIDE units, as of real faces, and bright
+    folds above them, which leave their landmarks strange."""
+    pixels_per_unit = tracker.camera.focal_px / tracker.pose.t[2]
+    v, u = np.indices((frame.height, frame.width)).astype(np.float32)
+    moved_by, folds = np.zeros_like(u), np.zeros_like(u, bool)
+    for name in ("right_brow_top", "left_brow_top"):
+        x, y = landmarks[LANDMARK_NAMES.index(name)]
+        across, above = np.abs(u - x) / pixels_per_unit, (y - v) / pixels_per_unit
+        fades = np.interp(above, [-0.16, -0.08, 0.1, 0.3], [0, 1, 1, 0])  # lids and hair stay
+        moved_by = np.maximum(moved_by, fades * np.clip(2 - across / 0.2, 0, 1))
+        folds |= (across < 0.3) & (above > up + 0.14) & (above < up + 0.5) & (v % 4 < 2)
+    pixels = cv2.remap(frame.pixels, u, (v + moved_by * up * pixels_per_unit).astype(np.float32), cv2.INTER_LINEAR)
+    pixels[folds] = TEETH
+    return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
+
+
+def _brows(tracker: RealtimeTracker) -> float:
+    """How far the brows are up since the first frame, CANDIDE units."""
+    return -float(tracker.skin.lowering @ (tracker.pose.animation - tracker.first_animation))
+
+
+def _raised() -> RealtimeTracker:
+    sequence = still()
+    tracker = begun(sequence.frames[0])
+    for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
+        tracker.track(_with_brows(tracker, frame, landmarks, BROWS_UP))
+    return tracker
+
+
+def test_folds_do_not_hide_raised_brows() -> None:
+    assert _brows(_raised()) == pytest.approx(BROWS_UP, abs=0.02)
+
+
+@pytest.mark.parametrize("up", [-0.04, 0.0, 0.08])
+def test_the_brows_are_found_where_they_are(up: float) -> None:
+    tracker = begun(still().frames[0])
+    view = _view(tracker, _with_brows(tracker, still().frames[1], still().landmarks[1], up))
+    likeness = tracker.skin.brows.likeness(view.image, tracker.person.arrays, tracker.pose.arrays, view.geometry)
+    assert likeness.max() > 0.8
+    row, column = np.unravel_index(likeness.argmax(), likeness.shape)
+    assert tracker.skin.brows.down[row] == pytest.approx(-up, abs=0.025)
+    assert tracker.skin.brows.outwards[column] == pytest.approx(0, abs=0.025)
+
+
+def _view(tracker: RealtimeTracker, frame: Frame) -> View:
+    return tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+
+
+def _raised_in(tracker: RealtimeTracker, predicted: Prediction, up: float = BROWS_UP) -> float:
+    """By how much the skin of raised brows moves a predicted outer_brow_raiser."""
+    view = _view(tracker, _with_brows(tracker, still().frames[1], still().landmarks[1], up))
+    found = tracker.skin.with_skin(view, predicted)
+    return float((found.pose.animation - predicted.pose.animation)[RAISER])
+
+
+def test_a_head_that_may_be_elsewhere_has_not_raised_its_brows() -> None:
+    """Where the pose is hardly known, it is the pose that explains where the brows are."""
+    tracker = begun(still().frames[0])
+    information = np.diag(np.repeat([1e8, 4.0], 6))
+    known = Prediction(tracker.pose, information, tracker.pose)
+    unknown = replace(known, information=np.diag(np.repeat([1.0, 4.0], 6)))
+    assert _raised_in(tracker, known) > 0.2
+    assert abs(_raised_in(tracker, unknown)) < 0.01
+
+
+def test_brows_behind_dark_glasses_say_nothing() -> None:
+    tracker = begun(still().frames[0])
+    predicted = Prediction(tracker.pose, np.diag(np.repeat([1e8, 4.0], 6)), tracker.pose)
+    tracker.person.wear_glasses()
+    assert abs(_raised_in(tracker, predicted)) < 0.01
+
+
+def test_brows_say_nothing_of_units_that_do_not_lift_them() -> None:
+    """A face model of one's own may have none."""
+    model = Candide.default()
+    units = model.animation_units.copy()
+    units[["brow" in name for name in model.animation_unit_names]] *= 0.01
+    tracker = RealtimeTracker(model=replace(model, animation_units=units))
+    tracker.initialize(still().frames[0], Landmarks(still().landmarks[0], "candide26"), face().camera)
+    predicted = Prediction(tracker.pose, np.diag(np.repeat([1e8, 4.0], 6)), tracker.pose)
+    assert abs(_raised_in(tracker, predicted)) < 0.01
+
+
+def test_the_brows_move_as_a_lattice_on_both_sides_of_the_face() -> None:
+    right, left = BROWS.sides
+    np.testing.assert_allclose(right.offsets * [-1, 1], left.offsets)
+    rows, columns = BROWS.shape
+    assert len(left.offsets) == rows * columns
+    assert left.offsets.reshape(rows, columns, 2)[BROWS.skin].shape[:2] == (12, 13)
