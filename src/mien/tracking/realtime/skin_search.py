@@ -22,7 +22,7 @@ _LIPS = np.linspace(-1.5, 1.5, 21)
 """Values of upper_lip_raiser, from that at rest, at which the skin above the upper lip is looked for."""
 _LEAST_MOTION = 0.02
 """CANDIDE units by which lip_stretcher moves the corners of the mouth outwards, 0.09 in CANDIDE-3, or the units of the
-brows lower these, 0.20, below which those of another face model are not looked for there."""
+brows lower these, 0.28 in all, below which those of another face model are not looked for there."""
 _STRETCHES = np.array([name == "lip_stretcher" for name in TRACKED_UNITS])
 _MOVES_BROWS = np.array(["brow" in name for name in TRACKED_UNITS])
 """Which units (6,) these are."""
