@@ -19,9 +19,10 @@ from shared.recordings import asked, seen_by_mediapipe
 
 import mien
 from mien.arrays import Array
-from mien.errors import MienWarning
+from mien.errors import MienWarning, require
 from mien.evaluation.metrics import correlation
 from mien.geometry.rotation import similarity
+from mien.initialization.landmarks import Landmarks
 
 STILL = [1, 4, 5, 6, 8, 9, 10, 33, 54, 93, 103, 127, 133, 151, 168, 195, 197, 234, 263, 284, 323, 332, 356, 362, 454]
 """Points of nose, forehead, temples, and the corners of the eyes."""
@@ -34,6 +35,13 @@ UNITS = (
     "brow_lowerer",
     "outer_brow_raiser",
 )
+
+
+def mesh(face: Landmarks) -> Array:
+    """(468, 3) points of MediaPipe with their depths."""
+    depths = face.depths
+    require(depths is not None, f"{face.source}: these landmarks have no depths; install MediaPipe")
+    return np.column_stack([face.points, np.asarray(depths)])[:468]
 
 
 def laid_over(points: Array, first: Array) -> Array:
@@ -58,11 +66,7 @@ def distances(points: Array) -> Array:
 
 def distances_of_frames(path: Path, seconds: float) -> dict[int, Array]:
     """By frame in which there is a face: the distances (6,)."""
-    meshes = {
-        k: np.column_stack([face.points[:468], face.depths[:468]])
-        for k, face in seen_by_mediapipe(path, seconds)
-        if face.depths is not None
-    }
+    meshes = {k: mesh(face) for k, face in seen_by_mediapipe(path, seconds) if face.depths is not None}
     if not meshes:
         return {}
     start = next(iter(meshes.values()))

@@ -16,16 +16,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from expressions import EYES, STILL
+from expressions import EYES, laid_over, mesh
 from shared.command_line import carry_out, print_heads
 from shared.recordings import asked
 
 from mien.arrays import Array, Float32
-from mien.errors import MienWarning, require
+from mien.errors import MienError, MienWarning
 from mien.evaluation.metrics import correlation
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.geometry.rotation import angle_between, similarity
+from mien.geometry.rotation import angle_between
 from mien.initialization.detector import first_with_a_face, follow
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import RealtimeTracker
@@ -118,17 +118,9 @@ def seen_heights(frames: list[Frame], face: Landmarks) -> Array:
     unit = np.linalg.norm(start[EYES[0]] - start[EYES[3]])
     rows = {frame.index: k for k, frame in enumerate(frames)}
     for frame, seen in follow(face, frames):
-        points = mesh(seen)
-        scale, R, t = similarity(points[STILL], start[STILL])
-        y = (scale * points @ R.T + t)[:, 1] / unit
+        y = laid_over(mesh(seen), start)[:, 1] / unit
         heights[rows[frame.index]] = y[EYES].mean() - y[BROW_POINTS].mean()
     return heights
-
-
-def mesh(face: Landmarks) -> Array:
-    """(468, 3) points of MediaPipe with their depths."""
-    require(face.depths is not None and len(face.points) >= 468, "only MediaPipe's points have brows like these")
-    return np.column_stack([face.points[:468], np.asarray(face.depths)[:468]])
 
 
 def followed(height: Array, difference: Array) -> list[float]:
@@ -145,8 +137,8 @@ def row(path: Path, seconds: float) -> list[float]:
     """What becomes of one recording."""
     frames = list(takewhile(lambda frame: frame.time <= seconds, open_video(path)))
     found = first_with_a_face(frames)
-    require(found is not None, f"{path}: no face was found; leave it out")
-    assert found is not None
+    if found is None:
+        raise MienError(f"{path}: no face was found; leave it out")
     first, (face, *_) = found
     frames = [frame for frame in frames if frame.index >= first.index]
     tracker, before = tracked(frames, face)

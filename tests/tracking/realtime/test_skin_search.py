@@ -27,6 +27,8 @@ RAISED, STRETCHED = 0.8, 0.8
 BROWS_UP = 0.08
 """CANDIDE units."""
 TEETH = 230
+KNOWN, UNKNOWN = 1e8, 1.0
+"""Information of a predicted pose that is known well, and hardly."""
 
 
 @cache
@@ -37,6 +39,20 @@ def still() -> SyntheticSequence:
 @cache
 def raising() -> SyntheticSequence:
     return moved_unit(UPPER_LIP.unit, RAISED)
+
+
+def _view(tracker: RealtimeTracker, frame: Frame) -> View:
+    return tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+
+
+def _of_model(units: str, factor: float) -> RealtimeTracker:
+    """A tracker, begun, whose face model has these animation units smaller or the other way round."""
+    model = Candide.default()
+    changed = model.animation_units.copy()
+    changed[[units in name for name in model.animation_unit_names]] *= factor
+    tracker = RealtimeTracker(model=replace(model, animation_units=changed))
+    tracker.initialize(still().frames[0], Landmarks(still().landmarks[0], "candide26"), face().camera)
+    return tracker
 
 
 def test_teeth_do_not_hide_a_raised_upper_lip() -> None:
@@ -64,7 +80,7 @@ def _stretched(tracker: RealtimeTracker, frame: Frame, landmarks: Array, stretch
 
 def _corners(tracker: RealtimeTracker, frame: Frame) -> tuple[Array, float]:
     """The likeness of the corners of the mouth in a frame, and how far outwards it is greatest."""
-    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    view = _view(tracker, frame)
     corners = tracker.skin.corners
     likeness = corners.likeness(view.image, tracker.person.arrays, tracker.pose.arrays, view.geometry)
     return likeness, corners.outwards[np.unravel_index(likeness.argmax(), likeness.shape)[1]]
@@ -92,16 +108,10 @@ def test_teeth_do_not_hide_a_grin() -> None:
 @pytest.mark.parametrize("factor", [0.01, -1.0])
 def test_the_skin_says_nothing_of_a_unit_that_does_not_move_the_corners_outwards(factor: float) -> None:
     """A face model of one's own may have another lip_stretcher: what the skin shows would be a hundred of it."""
-    model = Candide.default()
-    units = model.animation_units.copy()
-    units[model.animation_unit_names.index("lip_stretcher")] *= factor
-    tracker = RealtimeTracker(model=replace(model, animation_units=units))
-    first, landmarks = still().frames[0], Landmarks(still().landmarks[0], "candide26")
-    tracker.initialize(first, landmarks, face().camera)
-    grin = _stretched(begun(first), still().frames[1], still().landmarks[1], STRETCHED)
-    view = tracker.solver.view(tracker.face.fine, grin, tracker.pose)
+    tracker = _of_model("lip_stretcher", factor)
+    grin = _stretched(begun(still().frames[0]), still().frames[1], still().landmarks[1], STRETCHED)
     predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
-    found = tracker.skin.with_skin(view, predicted)
+    found = tracker.skin.with_skin(_view(tracker, grin), predicted)
     assert found.pose.animation[STRETCHER] == pytest.approx(predicted.pose.animation[STRETCHER], abs=0.01)
 
 
@@ -119,7 +129,7 @@ def test_the_skin_beside_the_lips_is_where_it_is_however_the_head_is_held(roll_d
 
 def test_the_further_a_head_turns_the_less_the_skin_says_of_the_upper_lip() -> None:
     tracker, frame = begun(raising().frames[0]), raising().frames[1]
-    view = tracker.solver.view(tracker.face.fine, frame, tracker.pose)
+    view = _view(tracker, frame)
     predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
     entry, ahead = 6 + UPPER_LIP.unit, tracker.prior.seen_from
     added = []
@@ -135,7 +145,7 @@ def test_the_further_a_head_turns_the_less_the_skin_says_of_the_upper_lip() -> N
 def test_skin_that_is_hidden_says_nothing_of_the_upper_lip() -> None:
     tracker, pixels = begun(raising().frames[0]), raising().frames[1].pixels.copy()
     pixels[:] = np.random.default_rng(0).integers(0, 256, pixels.shape)
-    view = tracker.solver.view(tracker.face.fine, Frame(pixels, 1, 0.04), tracker.pose)
+    view = _view(tracker, Frame(pixels, 1, 0.04))
     predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
     assert tracker.skin.with_skin(view, predicted) is predicted
 
@@ -157,21 +167,12 @@ def _with_brows(tracker: RealtimeTracker, frame: Frame, landmarks: Array, up: fl
     return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
 
 
-def _brows(tracker: RealtimeTracker) -> float:
-    """How far the brows are up since the first frame, CANDIDE units."""
-    return -float(tracker.skin.lowering @ (tracker.pose.animation - tracker.first_animation))
-
-
-def _raised() -> RealtimeTracker:
-    sequence = still()
-    tracker = begun(sequence.frames[0])
+def test_folds_do_not_hide_raised_brows() -> None:
+    sequence, tracker = still(), begun(still().frames[0])
     for frame, landmarks in zip(sequence.frames[1:], sequence.landmarks[1:], strict=True):
         tracker.track(_with_brows(tracker, frame, landmarks, BROWS_UP))
-    return tracker
-
-
-def test_folds_do_not_hide_raised_brows() -> None:
-    assert _brows(_raised()) == pytest.approx(BROWS_UP, abs=0.02)
+    lowered = float(tracker.skin.lowering @ (tracker.pose.animation - tracker.first_animation))
+    assert -lowered == pytest.approx(BROWS_UP, abs=0.02)
 
 
 @pytest.mark.parametrize("up", [-0.04, 0.0, 0.08])
@@ -185,13 +186,11 @@ def test_the_brows_are_found_where_they_are(up: float) -> None:
     assert tracker.skin.brows.outwards[column] == pytest.approx(0, abs=0.025)
 
 
-def _view(tracker: RealtimeTracker, frame: Frame) -> View:
-    return tracker.solver.view(tracker.face.fine, frame, tracker.pose)
-
-
-def _raised_in(tracker: RealtimeTracker, predicted: Prediction, up: float = BROWS_UP) -> float:
-    """By how much the skin of raised brows moves a predicted outer_brow_raiser."""
-    view = _view(tracker, _with_brows(tracker, still().frames[1], still().landmarks[1], up))
+def _raised_in(tracker: RealtimeTracker, of_pose: float) -> float:
+    """By how much the skin of raised brows moves outer_brow_raiser from where it was predicted. of_pose: information of
+    each entry of the predicted pose of the head."""
+    view = _view(tracker, _with_brows(tracker, still().frames[1], still().landmarks[1], BROWS_UP))
+    predicted = Prediction(tracker.pose, np.diag(np.repeat([of_pose, 4.0], 6)), tracker.pose)
     found = tracker.skin.with_skin(view, predicted)
     return float((found.pose.animation - predicted.pose.animation)[RAISER])
 
@@ -199,29 +198,19 @@ def _raised_in(tracker: RealtimeTracker, predicted: Prediction, up: float = BROW
 def test_a_head_that_may_be_elsewhere_has_not_raised_its_brows() -> None:
     """Where the pose is hardly known, it is the pose that explains where the brows are."""
     tracker = begun(still().frames[0])
-    information = np.diag(np.repeat([1e8, 4.0], 6))
-    known = Prediction(tracker.pose, information, tracker.pose)
-    unknown = replace(known, information=np.diag(np.repeat([1.0, 4.0], 6)))
-    assert _raised_in(tracker, known) > 0.2
-    assert abs(_raised_in(tracker, unknown)) < 0.01
+    assert _raised_in(tracker, KNOWN) > 0.2
+    assert abs(_raised_in(tracker, UNKNOWN)) < 0.01
 
 
 def test_brows_behind_dark_glasses_say_nothing() -> None:
     tracker = begun(still().frames[0])
-    predicted = Prediction(tracker.pose, np.diag(np.repeat([1e8, 4.0], 6)), tracker.pose)
     tracker.person.wear_glasses()
-    assert abs(_raised_in(tracker, predicted)) < 0.01
+    assert abs(_raised_in(tracker, KNOWN)) < 0.01
 
 
 def test_brows_say_nothing_of_units_that_do_not_lift_them() -> None:
     """A face model of one's own may have none."""
-    model = Candide.default()
-    units = model.animation_units.copy()
-    units[["brow" in name for name in model.animation_unit_names]] *= 0.01
-    tracker = RealtimeTracker(model=replace(model, animation_units=units))
-    tracker.initialize(still().frames[0], Landmarks(still().landmarks[0], "candide26"), face().camera)
-    predicted = Prediction(tracker.pose, np.diag(np.repeat([1e8, 4.0], 6)), tracker.pose)
-    assert abs(_raised_in(tracker, predicted)) < 0.01
+    assert abs(_raised_in(_of_model("brow", 0.01), KNOWN)) < 0.01
 
 
 def test_the_brows_move_as_a_lattice_on_both_sides_of_the_face() -> None:

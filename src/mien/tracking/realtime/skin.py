@@ -90,9 +90,8 @@ class SlidingRegion:
         outwards = _SPACING * np.arange(-self.inner - self.inwards, self.outer + self.outwards + 1)
         down = _SPACING * np.arange(-self.above - self.up, self.below + self.down + 1)
         unit = TRACKED_UNITS.index(self.unit)
-        return _region(f"right_{self.landmark}", unit, -outwards, down), _region(
-            f"left_{self.landmark}", unit, outwards, down
-        )
+        right = _region(f"right_{self.landmark}", unit, -outwards, down)
+        return right, _region(f"left_{self.landmark}", unit, outwards, down)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -20,6 +20,8 @@ from mien.tracking.realtime.solution import View
 
 _LIPS = np.linspace(-1.5, 1.5, 21)
 """Values of upper_lip_raiser, from that at rest, at which the skin above the upper lip is looked for."""
+_RAISES = np.eye(len(TRACKED_UNITS))[UPPER_LIP.unit]
+"""By how much of its unit each unit (6,) raises the upper lip."""
 _LEAST_MOTION = 0.02
 """CANDIDE units by which lip_stretcher moves the corners of the mouth outwards, 0.09 in CANDIDE-3, or the units of the
 brows lower these, 0.28 in all, below which those of another face model are not looked for there."""
@@ -101,8 +103,7 @@ class SkinSearch:
         s, unit = self.settings, UPPER_LIP.unit
         lips = float(self.prior.rest[unit]) + _LIPS
         likeness = self.upper_lip.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, lips)
-        by_unit = np.eye(len(pose.animation))[unit]
-        return _Likeness(by_unit, _LIPS, likeness, s.energy, s.least, self._trust(pose, s.turn_deg))
+        return _Likeness(_RAISES, _LIPS, likeness, s.energy, s.least, self._trust(pose, s.turn_deg))
 
     def _corners(self, view: View, pose: Pose) -> list[_Likeness]:
         """How far out they are, if they are found; how far down they are does not say that."""
