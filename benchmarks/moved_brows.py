@@ -20,7 +20,7 @@ from expressions import EYES, laid_over, mesh
 from shared.command_line import carry_out, print_heads
 from shared.recordings import asked
 
-from mien.arrays import Array, Float32
+from mien.arrays import Array
 from mien.errors import MienError, MienWarning
 from mien.evaluation.metrics import correlation
 from mien.frame import Frame
@@ -73,10 +73,7 @@ def with_brows(frame: Frame, points: Array, height: float) -> Frame:
         lid = -0.8 * max(gap, 0.1)
         fades = np.interp(above, [lid, min(lid / 2, -0.06), 0.08, 0.42], [0, 1, 1, 0])
         share = np.maximum(share, smooth(fades) * smooth(np.interp(beside, [half, half + FADES], [1, 0])))
-    moved = (share * height * unit).astype(np.float32)
-    source = inverse(moved, upwards)
-    pixels = cv2.remap(frame.pixels, *source, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
+    return moved_by(frame, (share * height * unit)[..., None] * upwards)
 
 
 def smooth(share: Array) -> Array:
@@ -84,15 +81,25 @@ def smooth(share: Array) -> Array:
     return np.asarray(share * share * (3 - 2 * share))
 
 
-def inverse(moved: Float32, upwards: Array) -> tuple[Float32, Float32]:
-    """Where each pixel comes from, x and y, if those of an image move upwards (2,) by so many pixels (h, w)."""
-    height, width = moved.shape
-    x0, y0 = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    x, y = x0, y0
-    for _ in range(4):
-        by = cv2.remap(moved, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        x, y = (x0 - by * upwards[0]).astype(np.float32), (y0 - by * upwards[1]).astype(np.float32)
-    return x, y
+def moved_by(frame: Frame, moved: Array) -> Frame:
+    """A frame whose pixels are moved by (h, w, 2), right and down."""
+    by = np.ascontiguousarray(moved, np.float32)
+    start = np.stack(np.meshgrid(np.arange(frame.width), np.arange(frame.height)), axis=-1).astype(np.float32)
+    source = start
+    for _ in range(5):  # where each pixel comes from
+        source = start - cv2.remap(by, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    pixels = cv2.remap(frame.pixels, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
+
+
+def begun(path: Path, seconds: float) -> tuple[list[Frame], Landmarks]:
+    """The frames of a recording from the first one with a face on, and that. In RGB, as moved ones are."""
+    frames = list(takewhile(lambda frame: frame.time <= seconds, open_video(path)))
+    found = first_with_a_face(frames)
+    if found is None:
+        raise MienError(f"{path}: no face was found; leave it out")
+    first, (face, *_) = found
+    return [Frame(f.pixels, f.index, f.time) for f in frames if f.index >= first.index], face
 
 
 def tracked(frames: list[Frame], face: Landmarks) -> tuple[RealtimeTracker, list[Estimate]]:
@@ -133,29 +140,32 @@ def followed(height: Array, difference: Array) -> list[float]:
     return [*shares, correlation(height[known], difference[known])]
 
 
+def turned_by(before: list[Estimate], after: list[Estimate]) -> Array:
+    """(n,) degrees between two tracks of the same frames; NaN where either is lost."""
+    rotations = ((a.rotation, b.rotation) for a, b in zip(before, after, strict=True))
+    return np.array([np.nan if A is None or B is None else np.degrees(angle_between(A, B)) for A, B in rotations])
+
+
+def mean_of(values: Array) -> float:
+    """Mean of those that are known; NaN of none."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
 def row(path: Path, seconds: float) -> list[float]:
     """What becomes of one recording."""
-    frames = list(takewhile(lambda frame: frame.time <= seconds, open_video(path)))
-    found = first_with_a_face(frames)
-    if found is None:
-        raise MienError(f"{path}: no face was found; leave it out")
-    first, (face, *_) = found
-    frames = [frame for frame in frames if frame.index >= first.index]
+    frames, face = begun(path, seconds)
     tracker, before = tracked(frames, face)
-    heights = np.array([0.0 if e.landmarks is None else up(e.time - first.time) for e in before])
+    heights = np.array([0.0 if e.landmarks is None else up(e.time - frames[0].time) for e in before])
     moved = [
         with_brows(frame, e.landmarks.image, h) if h and e.landmarks is not None else frame
         for frame, e, h in zip(frames, before, heights, strict=True)
     ]
     moved_tracker, after = tracked(moved, face)
     own = np.array([brow_height(moved_tracker, e) for e in after]) - [brow_height(tracker, e) for e in before]
-    turned = [
-        np.degrees(angle_between(a.rotation, b.rotation))
-        for a, b, h in zip(before, after, heights, strict=True)
-        if a.rotation is not None and b.rotation is not None and h > LEAST
-    ]
+    turned = turned_by(before, after)[heights > LEAST]
     seen = seen_heights(moved, face) - seen_heights(frames, face)
-    return [*followed(heights, own), float(np.mean(turned)) if turned else np.nan, *followed(heights, seen)]
+    return [*followed(heights, own), mean_of(turned), *followed(heights, seen)]
 
 
 def cells_of(figures: list[float]) -> list[str]:

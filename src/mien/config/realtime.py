@@ -249,7 +249,7 @@ class SkinSettings(Settings):
 
 
 class MouthSettings(Settings):
-    """When other mouths are tried than the one that was found."""
+    """When other mouths are tried than the one that was found, and how its corners are found again."""
 
     jaw_distance: float = Field(
         3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
@@ -271,6 +271,17 @@ class MouthSettings(Settings):
     )
     interval: int = Field(5, ge=2, description="frames between trials of the mouth at rest")
     moved: float = Field(0.1, gt=0, description="animation above which the mouth is tried at rest")
+    corner_tolerance: float = Field(
+        8.0,
+        ge=1,
+        description="`robust_factor` multiplier for the corners of the mouth, which are found again with the head held",
+    )
+    corner_turn_deg: float = Field(
+        8.0, gt=0, description="rotation of the head at which half of what `corner_tolerance` adds remains"
+    )
+    corner_jaw: float = Field(
+        0.15, gt=0, description="jaw_drop, more than at rest, at which half of what `corner_tolerance` adds remains"
+    )
 
 
 class RecoverySettings(Settings):

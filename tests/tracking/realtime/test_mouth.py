@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pytest
 
 from mien.arrays import Array
+from mien.candide.model import TRACKED_UNITS
+from mien.config import RealtimeSettings
 from mien.frame import Frame
 from mien.synthetic import SyntheticSequence
 from mien.tracking.prior import JAW_DROP
@@ -17,6 +20,7 @@ from small_motion import begun
 
 OPENED = 0.5
 DARK = 40
+STRETCHER = TRACKED_UNITS.index("lip_stretcher")
 
 
 @cache
@@ -53,3 +57,27 @@ def test_the_chin_shows_that_a_mouth_has_opened_until_it_closes() -> None:
     for frame, is_open in ((0, False), (1, True), (2, True), (0, False)):
         tracker.track(opening().frames[frame])
         assert tracker.mouth.is_open == is_open
+
+
+def _stretched(tolerance: float) -> RealtimeTracker:
+    """A tracker that has followed a mouth which widens, and shows something else between its corners."""
+    sequence = moved_unit(STRETCHER, 0.5)
+    tracker = begun(sequence.frames[0], RealtimeSettings(mouth={"corner_tolerance": tolerance}))
+    tracker.track(with_mouth(sequence.frames[1], sequence.landmarks[1], DARK, 2))
+    return tracker
+
+
+def test_corners_of_the_mouth_that_look_strange_are_followed_without_the_head() -> None:
+    hardly, further = _stretched(1.0), _stretched(8.0)
+    widened = [float((t.pose.animation - t.first_animation)[STRETCHER]) for t in (hardly, further)]
+    assert 1.5 * widened[0] < widened[1] < 0.5
+    assert pytest.approx(hardly.pose.R, abs=1e-3) == further.pose.R
+
+
+@pytest.mark.parametrize("is_visible", [False, True])
+def test_only_corners_that_were_visible_are_found_again(is_visible: bool) -> None:
+    tracker, frame = begun(opening().frames[0]), moved_unit(STRETCHER, 0.5).frames[1]
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    view, best = tracker.solver.refine(frame, predicted)
+    found = tracker.mouth.search(view, best, predicted, np.full(len(view.facing), float(is_visible)))
+    assert np.array_equal(found.pose.animation, best.pose.animation) is not is_visible

@@ -1,5 +1,5 @@
-"""The mouth where it moves further than its patches reach, and where what was measured of its motion has led it
-astray."""
+"""The mouth where it moves further than its patches reach, where what was measured of its motion has led it astray, and
+where its corners look strange."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from mien.arrays import Array
-from mien.candide.model import MOVES_MOUTH
+from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.config.realtime import MouthSettings
 from mien.tracking.prior import JAW_DROP
-from mien.tracking.realtime.person import JAW, Person
+from mien.tracking.realtime.person import JAW, TRACKED, Person
 from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.skin import CHIN, Skin
@@ -26,10 +26,17 @@ _OPEN = 0.25
 """Value of jaw_drop, more than at rest, from which on a mouth is open."""
 _OTHER_JAW = 0.175
 """Difference of jaw_drop from which on a mouth is open to another degree."""
+_CORNERS = np.array(["mouth_corner" in name for name in TRACKED])
+_MOVES_CORNERS = np.array([name in ("lip_stretcher", "lip_corner_depressor") for name in TRACKED_UNITS])
+"""Which landmarks (n,) are the corners of the mouth, and which units (6,) move them."""
+_VISIBLE = 0.5
+"""How far both have to have been visible to be found again."""
+_HELD = 1e12
+"""Information of what does not move while they are looked for."""
 
 
 class MouthSearch:
-    """Starts the solver again from other mouths where the one that it found does not fit. strange_frames: for how many
+    """Looks for the mouth again where the one that the solver found may not be right. strange_frames: for how many
     frames a moved mouth has not fitted; is_open: whether the chin has shown that the mouth opened, and it has not
     closed."""
 
@@ -47,12 +54,20 @@ class MouthSearch:
         self.chin = Skin(CHIN, person.face.chin, view.image, person.arrays, first.arrays, view.geometry)
         self.strange_frames, self.is_open = 0, False
 
-    def opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
+    def search(self, view: View, best: Solution, predicted: Prediction, visible: Array) -> Solution:
+        """A solution with the mouth that fits best. visible: (n,) how far each landmark was in the last frame."""
+        masked = self.person.is_masked
+        opened = best if masked else self._opened(view, best, predicted)
+        relaxed = self._relaxed(view, opened, predicted.last)
+        seen = view.facing & (visible >= _VISIBLE)
+        if masked or relaxed is not opened or self.solver.misfits(opened) or not seen[_CORNERS].all():
+            return relaxed
+        return self._with_corners(view, opened, predicted)
+
+    def _opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
         where these do not fit, start from other openings, and judge all by how much the chin looks as it did."""
         s, found = self.settings, float(best.pose.animation[JAW_DROP])
-        if self.person.is_masked:
-            return best
         open_from = float(self.prior.rest[JAW_DROP]) + _OPEN
         fits = sum(float(best.d2[k] / self.person.expected[k]) for k in JAW) < s.jaw_distance * len(JAW)
         if fits and (found < open_from or self.is_open):
@@ -81,7 +96,7 @@ class MouthSearch:
         likeness = self.chin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, jaws)
         return [max(value, self.settings.chin_least) for value in likeness.tolist()]
 
-    def relaxed(self, view: View, best: Solution, last: Pose) -> Solution:
+    def _relaxed(self, view: View, best: Solution, last: Pose) -> Solution:
         """The solution with the mouth at rest, where it fits much better: what was measured of its motion adds up, and
         with it the errors, until the mouth is too far away to be found. last: the pose of the last frame."""
         s, mouth = self.settings, view.facing & self.person.mouth
@@ -100,3 +115,17 @@ class MouthSearch:
         if (alone.d2[mouth] / usual).mean() > s.share * misfit:
             return best
         return self.solver.solve(view, at_rest.pose, at_rest)
+
+    def _with_corners(self, view: View, best: Solution, predicted: Prediction) -> Solution:
+        """A solution whose corners of the mouth are found alone, with all else held. Corners that move look strange,
+        and hardly count beside the rest of the head; here, where they cannot lead it astray, they may look stranger,
+        but the less, the further the head has turned, or the mouth has opened, as both change how they look."""
+        s, pose = self.settings, best.pose
+        open_by = max(float(pose.animation[JAW_DROP] - self.prior.rest[JAW_DROP]), 0.0)
+        trust = 1 / (1 + self.prior.turned(pose, s.corner_turn_deg)) / (1 + (open_by / s.corner_jaw) ** 2)
+        information = np.diag(np.where(np.append(np.zeros(6, bool), _MOVES_CORNERS), 0.0, _HELD))
+        information[6:, 6:] += predicted.information[6:, 6:]
+        start = replace(pose, animation=np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
+        held, tolerance = replace(predicted, pose=start, information=information), 1 + (s.corner_tolerance - 1) * trust
+        alone = self.solver.solve(view.of_landmarks(_CORNERS), pose, held, tolerance)
+        return replace(best, pose=replace(pose, animation=alone.pose.animation))

@@ -92,10 +92,13 @@ class PoseSolver:
         points = np.where(ahead[:, None], points, -math.inf)
         return graphics.share_around(points, reach) >= self.settings.visibility.graphics_share
 
-    def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
-        """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
-        s = self.settings
-        found = self.posterior(view, predicted).solve(start.arrays, s.solver.iterations, s.solver.tolerance)
+    def solve(self, view: View, start: Pose, predicted: Prediction, tolerance: float = 1.0) -> Solution:
+        """Minimise Eq. (9) in one view by Levenberg-Marquardt. tolerance: factor of the squared distances at which
+        weights are a quarter."""
+        s, posterior = self.settings, self.posterior(view, predicted)
+        found = posterior._replace(scale=tolerance * posterior.scale).solve(
+            start.arrays, s.solver.iterations, s.solver.tolerance
+        )
         expected, noise, most = self.person.expected.copy(), view.level.noise, s.recovery.seen_distance
         return Solution(Pose(*found.pose), found.energy, found.at, view.facing, expected, noise, most)
 

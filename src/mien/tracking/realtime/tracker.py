@@ -317,7 +317,7 @@ class RealtimeTracker:
         self.closing = self.person.closing(best, self.closing)
         if self._eyes_are_shut and not self.lost_frames and not self.solver.misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
-        best = self.mouth.relaxed(view, self.mouth.opened(view, best, moved), self.pose)
+        best = self.mouth.search(view, best, moved, self.visible)
         return view, best if self.lost_frames else self._damp(predicted.pose, best)
 
     @property

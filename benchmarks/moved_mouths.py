@@ -1,0 +1,159 @@
+"""Real recordings whose mouths are moved by a known distance: how much of it is followed; as a Markdown table.
+
+`OMP_NUM_THREADS=1 python benchmarks/moved_mouths.py PATH`, with PATH a folder of videos. One after another, for a
+second each, the image of the corners of the mouth and the skin around them is drawn outwards (by 0.05 of the distance
+of the eyes' outer corners), inwards (0.04), up (0.05) and down (0.04), that of the upper lip up (0.04), and that of the
+corners out and up at once, as in a smile (0.05, 0.04). Each recording is tracked as it is and with its mouth moved; the
+difference is what was followed: its share along the motion (regression), of `realtime` and, behind a slash, of
+MediaPipe. Last, by how many degrees the rotation of the head differs meanwhile. `--seconds 10` is enough.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from expressions import EYES, laid_over, mesh
+from moved_brows import begun, mean_of, moved_by, smooth, tracked, turned_by
+from shared.command_line import carry_out, print_heads
+from shared.recordings import asked
+
+from mien.arrays import Array
+from mien.errors import MienWarning
+from mien.frame import Frame
+from mien.initialization.detector import follow
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.tracking.realtime import RealtimeTracker
+from mien.tracking.state import Estimate
+
+
+class Motion(NamedTuple):
+    """When something begins to move, in seconds, and how far: the corners out and up, and the upper lip up, in
+    distances of the eyes' outer corners."""
+
+    begins: float
+    moved: tuple[float, float, float]
+
+
+MOTIONS = {
+    "out": Motion(0.5, (0.05, 0, 0)),
+    "in": Motion(1.9, (-0.04, 0, 0)),
+    "up": Motion(3.3, (0, 0.05, 0)),
+    "down": Motion(4.7, (0, -0.04, 0)),
+    "lip": Motion(6.1, (0, 0, 0.04)),
+    "smile": Motion(7.5, (0.05, 0.04, 0)),
+}
+PERIOD, LASTS, RAMP = 9.0, 1.0, 0.25
+"""Seconds after which all begins anew, for which each motion lasts, and in which it comes and goes."""
+LEAST = 5
+"""Frames of a motion from which on it counts."""
+CORNERS = [f"{side}_mouth_corner_outer" for side in ("right", "left")]
+
+
+def motion_at(seconds: float) -> tuple[str, Array]:
+    """What moves at a time since the beginning, if anything does, and how far (3,)."""
+    for name, motion in MOTIONS.items():
+        since = seconds % PERIOD - motion.begins
+        if 0 < since < LASTS:
+            share = min(since / RAMP, (LASTS - since) / RAMP, 1)
+            return name, np.array(motion.moved) * (1 - np.cos(np.pi * share)) / 2
+    return "", np.zeros(3)
+
+
+def with_mouth(frame: Frame, points: Array, moved: Array) -> Frame:
+    """The frame with the mouth of a face moved (3,), see `Motion`. points: (26, 2) of the tracked landmarks."""
+    named = dict(zip(LANDMARK_NAMES, points, strict=True))
+    across = named["left_eye_outer_corner"] - named["right_eye_outer_corner"]
+    unit = float(np.linalg.norm(across))
+    right = across / unit
+    upwards = np.array([right[1], -right[0]])
+    place = np.stack(np.meshgrid(*map(np.arange, (frame.width, frame.height))), axis=-1).astype(float)
+    top, bottom, base = named["upper_lip_outer"], named["lower_lip_outer"], named["nose_base_mid"]
+    out, up, lip = moved
+    to_the_right, to_above = np.zeros((2, *place.shape[:2]))
+    for corner, side in zip((named[name] for name in CORNERS), (-1, 1), strict=True):
+        beside, above = (place - corner) @ right / unit * side, (place - corner) @ upwards / unit
+        half = max(abs((corner - top) @ right) / unit, 0.08)
+        share = np.where(beside < 0, np.clip(1 + beside / half, 0, 1), smooth(np.interp(beside, [0.03, 0.28], [1, 0])))
+        share = share * smooth(np.interp(np.abs(above), [0.06, 0.26], [1, 0]))
+        to_the_right += side * out * share
+        to_above += up * share
+    beside, above = np.abs((place - top) @ right) / unit, (place - top) @ upwards / unit
+    half = abs((named[CORNERS[1]] - named[CORNERS[0]]) @ right) / unit / 2
+    thick, gap = max((top - bottom) @ upwards / unit, 0.08), max((base - top) @ upwards / unit, 0.06)
+    share = np.interp(above, [-0.8 * thick, 0, 0.02, gap], [0, 1, 1, 0])
+    to_above += lip * share * smooth(np.interp(beside, [0.08, max(half, 0.16)], [1, 0]))
+    return moved_by(frame, unit * (to_the_right[..., None] * right + to_above[..., None] * upwards))
+
+
+def mouth_of(tracker: RealtimeTracker, estimate: Estimate) -> Array:
+    """(3,) how far the units move the corners out and up, and the upper lip up; NaN where the face is lost."""
+    if estimate.animation is None:
+        return np.full(3, np.nan)
+    points = np.tensordot(estimate.animation, tracker.person.units, axes=1)[: len(LANDMARK_NAMES)]
+    named = dict(zip(LANDMARK_NAMES, points, strict=True))
+    neutral = dict(zip(LANDMARK_NAMES, tracker.face.neutral[: len(LANDMARK_NAMES)], strict=True))
+    unit = np.linalg.norm(neutral["right_eye_outer_corner"] - neutral["left_eye_outer_corner"])
+    right, left = (named[name] for name in CORNERS)
+    return np.array([(left[0] - right[0]) / 2, (left[1] + right[1]) / 2, named["upper_lip_outer"][1]]) / unit
+
+
+def seen_mouths(frames: list[Frame], face: Landmarks) -> Array:
+    """(n, 3) the same of MediaPipe's points, after laying those of every frame over those of the first; NaN where it
+    sees no face."""
+    mouths, start = np.full((len(frames), 3), np.nan), mesh(face)
+    unit = np.linalg.norm(start[EYES[0]] - start[EYES[3]])
+    rows = {frame.index: k for k, frame in enumerate(frames)}
+    for frame, seen in follow(face, frames):
+        right, left, lip = laid_over(mesh(seen), start)[[61, 291, 0]] / unit
+        mouths[rows[frame.index]] = (left[0] - right[0]) / 2, -(left[1] + right[1]) / 2, -lip[1]
+    return mouths
+
+
+def followed(moved: Array, difference: Array) -> float:
+    """The share of a motion (n, 3) that a difference (n, 3) follows; NaN if there is hardly any."""
+    known = np.isfinite(difference).all(axis=1)
+    if known.sum() < LEAST:
+        return np.nan
+    m, d = moved[known], difference[known]
+    return float((m * d).sum() / (m * m).sum())
+
+
+def row(path: Path, seconds: float) -> list[float]:
+    """What becomes of one recording: the share of each motion, those of MediaPipe, and degrees of rotation."""
+    frames, face = begun(path, seconds)
+    tracker, before = tracked(frames, face)
+    motions = [("", np.zeros(3)) if e.landmarks is None else motion_at(e.time - frames[0].time) for e in before]
+    names, moved = np.array([name for name, _ in motions]), np.array([by for _, by in motions])
+    changed = [
+        with_mouth(frame, e.landmarks.image, by) if e.landmarks is not None and by.any() else frame
+        for frame, e, by in zip(frames, before, moved, strict=True)
+    ]
+    moved_tracker, after = tracked(changed, face)
+    own = np.array([mouth_of(moved_tracker, e) for e in after]) - [mouth_of(tracker, e) for e in before]
+    seen = seen_mouths(changed, face) - seen_mouths(frames, face)
+    shares = [followed(moved[names == name], d[names == name]) for d in (own, seen) for name in MOTIONS]
+    return [*shares, mean_of(turned_by(before, after)[names != ""])]
+
+
+def cells_of(figures: list[float]) -> list[str]:
+    own, seen, degrees = figures[: len(MOTIONS)], figures[len(MOTIONS) : -1], figures[-1]
+    shares = ["" if np.isnan(a) else f"{a:.2f} / {b:.2f}" for a, b in zip(own, seen, strict=True)]
+    return [*shares, f"{degrees:.2f}"]
+
+
+def main() -> None:
+    paths, seconds = asked(__doc__)
+    warnings.simplefilter("ignore", MienWarning)
+    print_heads("recording", *MOTIONS, "degrees")
+    figures = []
+    for path in paths:
+        figures.append(row(path, seconds))
+        print(f"| {path.stem} | {' | '.join(cells_of(figures[-1]))} |", flush=True)
+    print(f"| mean | {' | '.join(cells_of(np.nanmean(figures, axis=0).tolist()))} |")
+
+
+if __name__ == "__main__":
+    carry_out(main)
