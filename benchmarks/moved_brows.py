@@ -41,6 +41,8 @@ LEAST = 0.02
 """By how much they have to be away to count."""
 BROW_POINTS = [55, 285, 63, 70, 293, 300]
 """Points of MediaPipe on both brows."""
+STEPS, DAMPING = 20, 0.3
+"""Steps towards where the pixels of a moved image come from, and the share of what is missing that each goes."""
 FADES = 0.12
 """Beside the brows their motion fades within this distance, likewise."""
 
@@ -85,9 +87,10 @@ def moved_by(frame: Frame, moved: Array) -> Frame:
     """A frame whose pixels are moved by (h, w, 2), right and down."""
     by = np.ascontiguousarray(moved, np.float32)
     start = np.stack(np.meshgrid(np.arange(frame.width), np.arange(frame.height)), axis=-1).astype(np.float32)
-    source = start
-    for _ in range(5):  # where each pixel comes from
-        source = start - cv2.remap(by, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    source = start  # where each pixel comes from: damped, as skin is stretched to several times its size below a brow
+    for _ in range(STEPS):
+        missing = start - source - cv2.remap(by, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        source = source + DAMPING * missing
     pixels = cv2.remap(frame.pixels, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
 
