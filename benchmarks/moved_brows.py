@@ -11,26 +11,21 @@ while the brows are up. `--seconds 10` is enough.
 from __future__ import annotations
 
 import warnings
-from itertools import takewhile
 from pathlib import Path
 
-import cv2
 import numpy as np
-from expressions import EYES, laid_over, mesh
 from shared.command_line import carry_out, print_heads
+from shared.mesh import EYES
+from shared.moved import begun, face_image, mean_of, moved_by, seen_points, smooth, tracked, turned_by
 from shared.recordings import asked
 
 from mien.arrays import Array
-from mien.errors import MienError, MienWarning
+from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
 from mien.frame import Frame
-from mien.geometry.camera import Camera
-from mien.geometry.rotation import angle_between
-from mien.initialization.detector import first_with_a_face, follow
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
-from mien.video import open_video
 
 PERIOD, MOTIONS = 4.0, ((0.7, 0.1), (2.5, -0.06))
 """Seconds after which all begins anew; when the brows begin to move, and how far up, in distances of the outer corners
@@ -41,8 +36,6 @@ LEAST = 0.02
 """By how much they have to be away to count."""
 BROW_POINTS = [55, 285, 63, 70, 293, 300]
 """Points of MediaPipe on both brows."""
-STEPS, DAMPING = 20, 0.3
-"""Steps towards where the pixels of a moved image come from, and the share of what is missing that each goes."""
 FADES = 0.12
 """Beside the brows their motion fades within this distance, likewise."""
 
@@ -59,56 +52,20 @@ def up(seconds: float) -> float:
 
 def with_brows(frame: Frame, points: Array, height: float) -> Frame:
     """The frame with the brows of a face moved up. points: (26, 2) of the tracked landmarks."""
-    named = dict(zip(LANDMARK_NAMES, points, strict=True))
-    across = named["left_eye_outer_corner"] - named["right_eye_outer_corner"]
-    unit = float(np.linalg.norm(across))
-    right = across / unit
-    upwards = np.array([right[1], -right[0]])
-    place = np.stack(np.meshgrid(*map(np.arange, (frame.width, frame.height))), axis=-1).astype(float)
-    share = np.zeros(place.shape[:2])
+    face = face_image(frame, points)
+    named = face.named
+    share = np.zeros(face.place.shape[:2])
     for side in ("right", "left"):
         brow = np.array([named[f"{side}_brow_{part}"] for part in ("outer", "top", "inner")])
         middle = brow.mean(axis=0)
         eye = (named[f"{side}_eye_outer_corner"] + named[f"{side}_eye_inner_corner"]) / 2
-        gap, half = (middle - eye) @ upwards / unit, np.abs((brow - middle) @ right).max() / unit
-        beside, above = np.abs((place - middle) @ right) / unit, (place - middle) @ upwards / unit
+        gap = (middle - eye) @ face.upwards / face.unit
+        half = np.abs((brow - middle) @ face.right).max() / face.unit
+        beside, above = np.abs(face.beside(middle)), face.above(middle)
         lid = -0.8 * max(gap, 0.1)
         fades = np.interp(above, [lid, min(lid / 2, -0.06), 0.08, 0.42], [0, 1, 1, 0])
         share = np.maximum(share, smooth(fades) * smooth(np.interp(beside, [half, half + FADES], [1, 0])))
-    return moved_by(frame, (share * height * unit)[..., None] * upwards)
-
-
-def smooth(share: Array) -> Array:
-    """A share (n, m) that begins and ends gradually."""
-    return np.asarray(share * share * (3 - 2 * share))
-
-
-def moved_by(frame: Frame, moved: Array) -> Frame:
-    """A frame whose pixels are moved by (h, w, 2), right and down."""
-    by = np.ascontiguousarray(moved, np.float32)
-    start = np.stack(np.meshgrid(np.arange(frame.width), np.arange(frame.height)), axis=-1).astype(np.float32)
-    source = start  # where each pixel comes from: damped, as skin is stretched to several times its size below a brow
-    for _ in range(STEPS):
-        missing = start - source - cv2.remap(by, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        source = source + DAMPING * missing
-    pixels = cv2.remap(frame.pixels, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return Frame(np.asarray(pixels, np.uint8), frame.index, frame.time)
-
-
-def begun(path: Path, seconds: float) -> tuple[list[Frame], Landmarks]:
-    """The frames of a recording from the first one with a face on, and that. In RGB, as moved ones are."""
-    frames = list(takewhile(lambda frame: frame.time <= seconds, open_video(path)))
-    found = first_with_a_face(frames)
-    if found is None:
-        raise MienError(f"{path}: no face was found; leave it out")
-    first, (face, *_) = found
-    return [Frame(f.pixels, f.index, f.time) for f in frames if f.index >= first.index], face
-
-
-def tracked(frames: list[Frame], face: Landmarks) -> tuple[RealtimeTracker, list[Estimate]]:
-    tracker, first = RealtimeTracker(), frames[0]
-    begun = tracker.initialize(first, face, Camera.unknown(first.width, first.height))
-    return tracker, [begun, *(tracker.track(frame) for frame in frames[1:])]
+    return moved_by(frame, face.moved(0, height * share))
 
 
 def brow_height(tracker: RealtimeTracker, estimate: Estimate) -> float:
@@ -124,13 +81,8 @@ def brow_height(tracker: RealtimeTracker, estimate: Estimate) -> float:
 def seen_heights(frames: list[Frame], face: Landmarks) -> Array:
     """(n,) how high MediaPipe's brows are above its eyes, likewise, after laying the points of every frame over those
     of the first; NaN where it sees none."""
-    heights, start = np.full(len(frames), np.nan), mesh(face)
-    unit = np.linalg.norm(start[EYES[0]] - start[EYES[3]])
-    rows = {frame.index: k for k, frame in enumerate(frames)}
-    for frame, seen in follow(face, frames):
-        y = laid_over(mesh(seen), start)[:, 1] / unit
-        heights[rows[frame.index]] = y[EYES].mean() - y[BROW_POINTS].mean()
-    return heights
+    y = seen_points(frames, face)[..., 1]
+    return np.asarray(y[:, EYES].mean(axis=1) - y[:, BROW_POINTS].mean(axis=1))
 
 
 def followed(height: Array, difference: Array) -> list[float]:
@@ -141,18 +93,6 @@ def followed(height: Array, difference: Array) -> list[float]:
         h, d = height[counts & known], difference[counts & known]
         shares.append(float(h @ d / (h @ h)) if len(h) else np.nan)
     return [*shares, correlation(height[known], difference[known])]
-
-
-def turned_by(before: list[Estimate], after: list[Estimate]) -> Array:
-    """(n,) degrees between two tracks of the same frames; NaN where either is lost."""
-    rotations = ((a.rotation, b.rotation) for a, b in zip(before, after, strict=True))
-    return np.array([np.nan if A is None or B is None else np.degrees(angle_between(A, B)) for A, B in rotations])
-
-
-def mean_of(values: Array) -> float:
-    """Mean of those that are known; NaN of none."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan
 
 
 def row(path: Path, seconds: float) -> list[float]:

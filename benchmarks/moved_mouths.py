@@ -15,15 +15,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from expressions import EYES, laid_over, mesh
-from moved_brows import begun, mean_of, moved_by, smooth, tracked, turned_by
 from shared.command_line import carry_out, print_heads
+from shared.moved import begun, face_image, mean_of, moved_by, seen_points, smooth, tracked, turned_by
 from shared.recordings import asked
 
 from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.frame import Frame
-from mien.initialization.detector import follow
 from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
@@ -64,28 +62,24 @@ def motion_at(seconds: float) -> tuple[str, Array]:
 
 def with_mouth(frame: Frame, points: Array, moved: Array) -> Frame:
     """The frame with the mouth of a face moved (3,), see `Motion`. points: (26, 2) of the tracked landmarks."""
-    named = dict(zip(LANDMARK_NAMES, points, strict=True))
-    across = named["left_eye_outer_corner"] - named["right_eye_outer_corner"]
-    unit = float(np.linalg.norm(across))
-    right = across / unit
-    upwards = np.array([right[1], -right[0]])
-    place = np.stack(np.meshgrid(*map(np.arange, (frame.width, frame.height))), axis=-1).astype(float)
+    face = face_image(frame, points)
+    named, unit = face.named, face.unit
     top, bottom, base = named["upper_lip_outer"], named["lower_lip_outer"], named["nose_base_mid"]
     out, up, lip = moved
-    to_the_right, to_above = np.zeros((2, *place.shape[:2]))
+    to_the_right, to_above = np.zeros((2, *face.place.shape[:2]))
     for corner, side in zip((named[name] for name in CORNERS), (-1, 1), strict=True):
-        beside, above = (place - corner) @ right / unit * side, (place - corner) @ upwards / unit
-        half = max(abs((corner - top) @ right) / unit, 0.08)
+        beside, above = side * face.beside(corner), face.above(corner)
+        half = max(abs((corner - top) @ face.right) / unit, 0.08)
         share = np.where(beside < 0, np.clip(1 + beside / half, 0, 1), smooth(np.interp(beside, [0.03, 0.28], [1, 0])))
         share = share * smooth(np.interp(np.abs(above), [0.06, 0.26], [1, 0]))
         to_the_right += side * out * share
         to_above += up * share
-    beside, above = np.abs((place - top) @ right) / unit, (place - top) @ upwards / unit
-    half = abs((named[CORNERS[1]] - named[CORNERS[0]]) @ right) / unit / 2
-    thick, gap = max((top - bottom) @ upwards / unit, 0.08), max((base - top) @ upwards / unit, 0.06)
+    beside, above = np.abs(face.beside(top)), face.above(top)
+    half = abs((named[CORNERS[1]] - named[CORNERS[0]]) @ face.right) / unit / 2
+    thick, gap = max((top - bottom) @ face.upwards / unit, 0.08), max((base - top) @ face.upwards / unit, 0.06)
     share = np.interp(above, [-0.8 * thick, 0, 0.02, gap], [0, 1, 1, 0])
     to_above += lip * share * smooth(np.interp(beside, [0.08, max(half, 0.16)], [1, 0]))
-    return moved_by(frame, unit * (to_the_right[..., None] * right + to_above[..., None] * upwards))
+    return moved_by(frame, face.moved(to_the_right, to_above))
 
 
 def mouth_of(tracker: RealtimeTracker, estimate: Estimate) -> Array:
@@ -103,13 +97,8 @@ def mouth_of(tracker: RealtimeTracker, estimate: Estimate) -> Array:
 def seen_mouths(frames: list[Frame], face: Landmarks) -> Array:
     """(n, 3) the same of MediaPipe's points, after laying those of every frame over those of the first; NaN where it
     sees no face."""
-    mouths, start = np.full((len(frames), 3), np.nan), mesh(face)
-    unit = np.linalg.norm(start[EYES[0]] - start[EYES[3]])
-    rows = {frame.index: k for k, frame in enumerate(frames)}
-    for frame, seen in follow(face, frames):
-        right, left, lip = laid_over(mesh(seen), start)[[61, 291, 0]] / unit
-        mouths[rows[frame.index]] = (left[0] - right[0]) / 2, -(left[1] + right[1]) / 2, -lip[1]
-    return mouths
+    right, left, lip = seen_points(frames, face)[:, [61, 291, 0]].transpose(1, 2, 0)
+    return np.column_stack([(left[0] - right[0]) / 2, -(left[1] + right[1]) / 2, -lip[1]])
 
 
 def followed(moved: Array, difference: Array) -> float:
