@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from shared.command_line import carry_out, print_heads
 from shared.mesh import EYES
-from shared.moved import begun, face_image, mean_of, moved_by, seen_points, smooth, tracked, turned_by
+from shared.moved import compared, face_image, mean_of, moved_by, seen_points, smooth, turned_by
 from shared.recordings import asked
 
 from mien.arrays import Array
@@ -50,8 +50,11 @@ def up(seconds: float) -> float:
     return total
 
 
-def with_brows(frame: Frame, points: Array, height: float) -> Frame:
-    """The frame with the brows of a face moved up. points: (26, 2) of the tracked landmarks."""
+def with_brows(frame: Frame, points: Array, seconds: float) -> Frame:
+    """The frame with the brows of a face as high as at a time. points: (26, 2) of the tracked landmarks."""
+    height = up(seconds)
+    if not height:
+        return frame
     face = face_image(frame, points)
     named = face.named
     share = np.zeros(face.place.shape[:2])
@@ -97,14 +100,8 @@ def followed(height: Array, difference: Array) -> list[float]:
 
 def row(path: Path, seconds: float) -> list[float]:
     """What becomes of one recording."""
-    frames, face = begun(path, seconds)
-    tracker, before = tracked(frames, face)
+    face, frames, moved, tracker, moved_tracker, before, after = compared(path, seconds, with_brows)
     heights = np.array([0.0 if e.landmarks is None else up(e.time - frames[0].time) for e in before])
-    moved = [
-        with_brows(frame, e.landmarks.image, h) if h and e.landmarks is not None else frame
-        for frame, e, h in zip(frames, before, heights, strict=True)
-    ]
-    moved_tracker, after = tracked(moved, face)
     own = np.array([brow_height(moved_tracker, e) for e in after]) - [brow_height(tracker, e) for e in before]
     turned = turned_by(before, after)[heights > LEAST]
     seen = seen_heights(moved, face) - seen_heights(frames, face)

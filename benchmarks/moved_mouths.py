@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from shared.command_line import carry_out, print_heads
-from shared.moved import begun, face_image, mean_of, moved_by, seen_points, smooth, tracked, turned_by
+from shared.moved import compared, face_image, mean_of, moved_by, seen_points, smooth, turned_by
 from shared.recordings import asked
 
 from mien.arrays import Array
@@ -60,12 +60,14 @@ def motion_at(seconds: float) -> tuple[str, Array]:
     return "", np.zeros(3)
 
 
-def with_mouth(frame: Frame, points: Array, moved: Array) -> Frame:
-    """The frame with the mouth of a face moved (3,), see `Motion`. points: (26, 2) of the tracked landmarks."""
+def with_mouth(frame: Frame, points: Array, seconds: float) -> Frame:
+    """The frame with the mouth of a face moved as at a time. points: (26, 2) of the tracked landmarks."""
+    _, (out, up, lip) = motion_at(seconds)
+    if not (out or up or lip):
+        return frame
     face = face_image(frame, points)
     named, unit = face.named, face.unit
     top, bottom, base = named["upper_lip_outer"], named["lower_lip_outer"], named["nose_base_mid"]
-    out, up, lip = moved
     to_the_right, to_above = np.zeros((2, *face.place.shape[:2]))
     for corner, side in zip((named[name] for name in CORNERS), (-1, 1), strict=True):
         beside, above = side * face.beside(corner), face.above(corner)
@@ -112,15 +114,9 @@ def followed(moved: Array, difference: Array) -> float:
 
 def row(path: Path, seconds: float) -> list[float]:
     """What becomes of one recording: the share of each motion, those of MediaPipe, and degrees of rotation."""
-    frames, face = begun(path, seconds)
-    tracker, before = tracked(frames, face)
+    face, frames, changed, tracker, moved_tracker, before, after = compared(path, seconds, with_mouth)
     motions = [("", np.zeros(3)) if e.landmarks is None else motion_at(e.time - frames[0].time) for e in before]
     names, moved = np.array([name for name, _ in motions]), np.array([by for _, by in motions])
-    changed = [
-        with_mouth(frame, e.landmarks.image, by) if e.landmarks is not None and by.any() else frame
-        for frame, e, by in zip(frames, before, moved, strict=True)
-    ]
-    moved_tracker, after = tracked(changed, face)
     own = np.array([mouth_of(moved_tracker, e) for e in after]) - [mouth_of(tracker, e) for e in before]
     seen = seen_mouths(changed, face) - seen_mouths(frames, face)
     shares = [followed(moved[names == name], d[names == name]) for d in (own, seen) for name in MOTIONS]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
@@ -90,6 +91,32 @@ def tracked(frames: list[Frame], face: Landmarks) -> tuple[RealtimeTracker, list
     tracker, first = RealtimeTracker(), frames[0]
     begun = tracker.initialize(first, face, Camera.unknown(first.width, first.height))
     return tracker, [begun, *(tracker.track(frame) for frame in frames[1:])]
+
+
+class Compared(NamedTuple):
+    """A recording as it is and with its face moved: the face that both begin with, the frames, the trackers and what
+    they told."""
+
+    face: Landmarks
+    frames: list[Frame]
+    moved: list[Frame]
+    tracker: RealtimeTracker
+    moved_tracker: RealtimeTracker
+    before: list[Estimate]
+    after: list[Estimate]
+
+
+def compared(path: Path, seconds: float, move: Callable[[Frame, Array, float], Frame]) -> Compared:
+    """A recording, tracked as it is and with its face moved where it is tracked. move: makes the moved frame of one, of
+    its landmarks (26, 2), and of the seconds since the first."""
+    frames, face = begun(path, seconds)
+    tracker, before = tracked(frames, face)
+    moved = [
+        frame if e.landmarks is None else move(frame, e.landmarks.image, e.time - frames[0].time)
+        for frame, e in zip(frames, before, strict=True)
+    ]
+    moved_tracker, after = tracked(moved, face)
+    return Compared(face, frames, moved, tracker, moved_tracker, before, after)
 
 
 def turned_by(before: list[Estimate], after: list[Estimate]) -> Array:
