@@ -16,22 +16,20 @@ from pathlib import Path
 import numpy as np
 from shared.command_line import carry_out, print_heads
 from shared.mesh import EYES
-from shared.moved import compared, face_image, mean_of, moved_by, seen_points, smooth, turned_by
+from shared.moved import face_image, followed, mean_of, moved_by, print_rows, share_moved, smooth
 from shared.recordings import asked
 
 from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.evaluation.metrics import correlation
 from mien.frame import Frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 
 PERIOD, MOTIONS = 4.0, ((0.7, 0.1), (2.5, -0.06))
 """Seconds after which all begins anew; when the brows begin to move, and how far up, in distances of the outer corners
 of the eyes."""
-LASTS, RAMP = 1.0, 0.25
-"""Seconds for which they are away, and in which they go and come."""
 LEAST = 0.02
 """By how much they have to be away to count."""
 BROW_POINTS = [55, 285, 63, 70, 293, 300]
@@ -42,12 +40,7 @@ FADES = 0.12
 
 def up(seconds: float) -> float:
     """How far the brows are up at a time since the beginning."""
-    total = 0.0
-    for begin, height in MOTIONS:
-        since = seconds % PERIOD - begin
-        share = min(max(min(since, LASTS - since) / RAMP, 0), 1)
-        total += height * (1 - np.cos(np.pi * share)) / 2
-    return total
+    return sum(height * share_moved(seconds % PERIOD - begin) for begin, height in MOTIONS)
 
 
 def with_brows(frame: Frame, points: Array, seconds: float) -> Frame:
@@ -81,14 +74,13 @@ def brow_height(tracker: RealtimeTracker, estimate: Estimate) -> float:
     return float(raised / np.linalg.norm(right - left))
 
 
-def seen_heights(frames: list[Frame], face: Landmarks) -> Array:
-    """(n,) how high MediaPipe's brows are above its eyes, likewise, after laying the points of every frame over those
-    of the first; NaN where it sees none."""
-    y = seen_points(frames, face)[..., 1]
+def seen_heights(points: Array) -> Array:
+    """(n,) how high MediaPipe's brows are above its eyes, likewise. points: (n, 468, 3) of `seen_points`."""
+    y = points[..., 1]
     return np.asarray(y[:, EYES].mean(axis=1) - y[:, BROW_POINTS].mean(axis=1))
 
 
-def followed(height: Array, difference: Array) -> list[float]:
+def shares_of(height: Array, difference: Array) -> list[float]:
     """The shares of a motion up and down (n,) that a difference (n,) follows, NaN where there is none, and their
     correlation."""
     known, shares = np.isfinite(difference), []
@@ -98,14 +90,11 @@ def followed(height: Array, difference: Array) -> list[float]:
     return [*shares, correlation(height[known], difference[known])]
 
 
-def row(path: Path, seconds: float) -> list[float]:
+def row(path: Path, end: float) -> list[float]:
     """What becomes of one recording."""
-    face, frames, moved, tracker, moved_tracker, before, after = compared(path, seconds, with_brows)
-    heights = np.array([0.0 if e.landmarks is None else up(e.time - frames[0].time) for e in before])
-    own = np.array([brow_height(moved_tracker, e) for e in after]) - [brow_height(tracker, e) for e in before]
-    turned = turned_by(before, after)[heights > LEAST]
-    seen = seen_heights(moved, face) - seen_heights(frames, face)
-    return [*followed(heights, own), mean_of(turned), *followed(heights, seen)]
+    seconds, told, seen, degrees = followed(path, end, with_brows, brow_height, seen_heights)
+    heights = np.array([0.0 if np.isnan(s) else up(s) for s in seconds])
+    return [*shares_of(heights, told), mean_of(degrees[heights > LEAST]), *shares_of(heights, seen)]
 
 
 def cells_of(figures: list[float]) -> list[str]:
@@ -116,11 +105,7 @@ def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
     print_heads("recording", "up", "down", "r", "degrees", *(f"MediaPipe, {name}" for name in ("up", "down", "r")))
-    figures = []
-    for path in paths:
-        figures.append(row(path, seconds))
-        print(f"| {path.stem} | {' | '.join(cells_of(figures[-1]))} |", flush=True)
-    print(f"| mean | {' | '.join(cells_of(np.nanmean(figures, axis=0).tolist()))} |")
+    print_rows(paths, lambda path: row(path, seconds), cells_of)
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 from shared.command_line import carry_out, print_heads
-from shared.moved import compared, face_image, mean_of, moved_by, seen_points, smooth, turned_by
+from shared.moved import face_image, followed, mean_of, moved_by, print_rows, share_moved, smooth
 from shared.recordings import asked
 
 from mien.arrays import Array
 from mien.errors import MienWarning
 from mien.frame import Frame
-from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 
@@ -43,8 +43,8 @@ MOTIONS = {
     "lip": Motion(6.1, (0, 0, 0.04)),
     "smile": Motion(7.5, (0.05, 0.04, 0)),
 }
-PERIOD, LASTS, RAMP = 9.0, 1.0, 0.25
-"""Seconds after which all begins anew, for which each motion lasts, and in which it comes and goes."""
+PERIOD = 9.0
+"""Seconds after which all begins anew."""
 LEAST = 5
 """Frames of a motion from which on it counts."""
 CORNERS = [f"{side}_mouth_corner_outer" for side in ("right", "left")]
@@ -53,10 +53,9 @@ CORNERS = [f"{side}_mouth_corner_outer" for side in ("right", "left")]
 def motion_at(seconds: float) -> tuple[str, Array]:
     """What moves at a time since the beginning, if anything does, and how far (3,)."""
     for name, motion in MOTIONS.items():
-        since = seconds % PERIOD - motion.begins
-        if 0 < since < LASTS:
-            share = min(since / RAMP, (LASTS - since) / RAMP, 1)
-            return name, np.array(motion.moved) * (1 - np.cos(np.pi * share)) / 2
+        share = share_moved(seconds % PERIOD - motion.begins)
+        if share > 0:
+            return name, share * np.array(motion.moved)
     return "", np.zeros(3)
 
 
@@ -96,14 +95,13 @@ def mouth_of(tracker: RealtimeTracker, estimate: Estimate) -> Array:
     return np.array([(left[0] - right[0]) / 2, (left[1] + right[1]) / 2, named["upper_lip_outer"][1]]) / unit
 
 
-def seen_mouths(frames: list[Frame], face: Landmarks) -> Array:
-    """(n, 3) the same of MediaPipe's points, after laying those of every frame over those of the first; NaN where it
-    sees no face."""
-    right, left, lip = seen_points(frames, face)[:, [61, 291, 0]].transpose(1, 2, 0)
+def seen_mouths(points: Array) -> Array:
+    """(n, 3) the same of MediaPipe's points (n, 468, 3), see `seen_points`."""
+    right, left, lip = points[:, [61, 291, 0]].transpose(1, 2, 0)
     return np.column_stack([(left[0] - right[0]) / 2, -(left[1] + right[1]) / 2, -lip[1]])
 
 
-def followed(moved: Array, difference: Array) -> float:
+def share_of(moved: Array, difference: Array) -> float:
     """The share of a motion (n, 3) that a difference (n, 3) follows; NaN if there is hardly any."""
     known = np.isfinite(difference).all(axis=1)
     if known.sum() < LEAST:
@@ -112,15 +110,13 @@ def followed(moved: Array, difference: Array) -> float:
     return float((m * d).sum() / (m * m).sum())
 
 
-def row(path: Path, seconds: float) -> list[float]:
+def row(path: Path, end: float) -> list[float]:
     """What becomes of one recording: the share of each motion, those of MediaPipe, and degrees of rotation."""
-    face, frames, changed, tracker, moved_tracker, before, after = compared(path, seconds, with_mouth)
-    motions = [("", np.zeros(3)) if e.landmarks is None else motion_at(e.time - frames[0].time) for e in before]
+    seconds, told, seen, degrees = followed(path, end, with_mouth, mouth_of, seen_mouths)
+    motions = [("", np.zeros(3)) if np.isnan(s) else motion_at(s) for s in seconds]
     names, moved = np.array([name for name, _ in motions]), np.array([by for _, by in motions])
-    own = np.array([mouth_of(moved_tracker, e) for e in after]) - [mouth_of(tracker, e) for e in before]
-    seen = seen_mouths(changed, face) - seen_mouths(frames, face)
-    shares = [followed(moved[names == name], d[names == name]) for d in (own, seen) for name in MOTIONS]
-    return [*shares, mean_of(turned_by(before, after)[names != ""])]
+    shares = [share_of(moved[names == name], d[names == name]) for d in (told, seen) for name in MOTIONS]
+    return [*shares, mean_of(degrees[names != ""])]
 
 
 def cells_of(figures: list[float]) -> list[str]:
@@ -133,11 +129,7 @@ def main() -> None:
     paths, seconds = asked(__doc__)
     warnings.simplefilter("ignore", MienWarning)
     print_heads("recording", *MOTIONS, "degrees")
-    figures = []
-    for path in paths:
-        figures.append(row(path, seconds))
-        print(f"| {path.stem} | {' | '.join(cells_of(figures[-1]))} |", flush=True)
-    print(f"| mean | {' | '.join(cells_of(np.nanmean(figures, axis=0).tolist()))} |")
+    print_rows(paths, lambda path: row(path, seconds), cells_of)
 
 
 if __name__ == "__main__":

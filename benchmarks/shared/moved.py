@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import takewhile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,6 +22,8 @@ from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.state import Estimate
 from mien.video import open_video
 
+LASTS, RAMP = 1.0, 0.25
+"""Seconds for which a motion lasts, and in which it comes and goes."""
 STEPS, DAMPING = 20, 0.3
 """Steps towards where the pixels of a moved image come from, and the share of what is missing that each goes."""
 
@@ -60,6 +62,12 @@ def face_image(frame: Frame, points: Array) -> FaceImage:
     return FaceImage(named, unit, right, np.array([right[1], -right[0]]), place)
 
 
+def share_moved(since: float) -> float:
+    """Which share of a motion is made, some seconds since it began."""
+    share = min(max(min(since, LASTS - since) / RAMP, 0), 1)
+    return float(1 - np.cos(np.pi * share)) / 2
+
+
 def smooth(share: Array) -> Array:
     """A share (n, m) that begins and ends gradually."""
     return np.asarray(share * share * (3 - 2 * share))
@@ -93,30 +101,38 @@ def tracked(frames: list[Frame], face: Landmarks) -> tuple[RealtimeTracker, list
     return tracker, [begun, *(tracker.track(frame) for frame in frames[1:])]
 
 
-class Compared(NamedTuple):
-    """A recording as it is and with its face moved: the face that both begin with, the frames, the trackers and what
-    they told."""
+class Followed(NamedTuple):
+    """What followed when the face of a recording of n frames was moved: the seconds since the first frame of each, NaN
+    where the face was lost; the difference of what the tracker told of it, and of what MediaPipe saw, NaN where either
+    lost it; and by how many degrees the rotation differs."""
 
-    face: Landmarks
-    frames: list[Frame]
-    moved: list[Frame]
-    tracker: RealtimeTracker
-    moved_tracker: RealtimeTracker
-    before: list[Estimate]
-    after: list[Estimate]
+    seconds: Array
+    told: Array
+    seen: Array
+    degrees: Array
 
 
-def compared(path: Path, seconds: float, move: Callable[[Frame, Array, float], Frame]) -> Compared:
-    """A recording, tracked as it is and with its face moved where it is tracked. move: makes the moved frame of one, of
-    its landmarks (26, 2), and of the seconds since the first."""
-    frames, face = begun(path, seconds)
+def followed(
+    path: Path,
+    end: float,
+    move: Callable[[Frame, Array, float], Frame],
+    told: Callable[[RealtimeTracker, Estimate], Any],
+    seen: Callable[[Array], Array],
+) -> Followed:
+    """A recording until `end`, in seconds, tracked as it is and with its face moved where it is tracked. move: makes
+    the moved frame of one, of its landmarks (26, 2), and of the seconds since the first; told: what an estimate says of
+    what is moved; seen: what `seen_points` say of it."""
+    frames, face = begun(path, end)
     tracker, before = tracked(frames, face)
+    seconds = np.array([np.nan if e.landmarks is None else e.time - frames[0].time for e in before])
     moved = [
-        frame if e.landmarks is None else move(frame, e.landmarks.image, e.time - frames[0].time)
-        for frame, e in zip(frames, before, strict=True)
+        frame if e.landmarks is None else move(frame, e.landmarks.image, float(s))
+        for frame, e, s in zip(frames, before, seconds, strict=True)
     ]
     moved_tracker, after = tracked(moved, face)
-    return Compared(face, frames, moved, tracker, moved_tracker, before, after)
+    own = np.array([told(moved_tracker, e) for e in after]) - np.array([told(tracker, e) for e in before])
+    difference = seen(seen_points(moved, face)) - seen(seen_points(frames, face))
+    return Followed(seconds, own, difference, turned_by(before, after))
 
 
 def turned_by(before: list[Estimate], after: list[Estimate]) -> Array:
@@ -140,3 +156,14 @@ def seen_points(frames: list[Frame], face: Landmarks) -> Array:
     for frame, seen in follow(face, frames):
         points[rows[frame.index]] = laid_over(mesh(seen), start) / unit
     return points
+
+
+def print_rows(
+    paths: list[Path], row: Callable[[Path], list[float]], cells_of: Callable[[list[float]], list[str]]
+) -> None:
+    """The rows of a table in Markdown, as each recording ends, and their mean."""
+    figures = []
+    for path in paths:
+        figures.append(row(path))
+        print(f"| {path.stem} | {' | '.join(cells_of(figures[-1]))} |", flush=True)
+    print(f"| mean | {' | '.join(cells_of(np.nanmean(figures, axis=0).tolist()))} |")

@@ -47,6 +47,11 @@ _LEAST_GREY = 1.0
 """Grey values: a smaller residual is due to chance."""
 
 
+def holding_all_but(free: Mask) -> Array:
+    """Information (12, 12) that holds the head, and all animation units but those which are free (6,)."""
+    return np.diag(np.append(np.full(_RIGID, _HELD), np.where(free, 0.0, _HELD)))
+
+
 class Template(NamedTuple):
     """Patches of n landmarks, m points each, in one frame.
 
@@ -80,7 +85,7 @@ class Motion:
         self.template: Template | None = None
         self.weight = np.zeros(len(patches))
         self.mouth = mouth
-        self.held = np.diag(np.append(np.full(_RIGID, _HELD), np.where(MOVES_MOUTH, 0.0, _HELD)))
+        self.held = holding_all_but(MOVES_MOUTH)
 
     def remember(
         self, image: Float32, person: PersonArrays, pose: PoseArrays, view: ViewArrays

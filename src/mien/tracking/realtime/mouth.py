@@ -10,8 +10,8 @@ import numpy as np
 from mien.arrays import Array
 from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.config.realtime import MouthSettings
-from mien.initialization.landmarks import LANDMARK_NAMES
 from mien.tracking.prior import JAW_DROP
+from mien.tracking.realtime.motion import holding_all_but
 from mien.tracking.realtime.person import JAW, Person
 from mien.tracking.realtime.pose import Pose, Prediction
 from mien.tracking.realtime.prior import StatePrior
@@ -27,19 +27,16 @@ _OPEN = 0.25
 """Value of jaw_drop, more than at rest, from which on a mouth is open."""
 _OTHER_JAW = 0.175
 """Difference of jaw_drop from which on a mouth is open to another degree."""
-_CORNERS = [i for i, name in enumerate(LANDMARK_NAMES) if "mouth_corner" in name]
 _MOVES_CORNERS = np.array([name in ("lip_stretcher", "lip_corner_depressor") for name in TRACKED_UNITS])
-"""The landmarks that are the corners of the mouth, and which units (6,) move them."""
+"""Which units (6,) move the corners of the mouth."""
 _VISIBLE = 0.5
-"""How far both have to have been visible to be found again."""
-_HELD = 1e12
-"""Information of what does not move while they are looked for."""
+"""How far both corners have to have been visible to be found again."""
 
 
 class MouthSearch:
-    """Looks for the mouth again where the one that the solver found may not be right. corners: (n,) which
-    landmarks are those of the mouth; strange_frames: for how many frames a moved mouth has not fitted; is_open: whether
-    the chin has shown that the mouth opened, and it has not closed."""
+    """Looks for the mouth again where the one that the solver found may not be right. held: (12, 12)
+    information that holds all but its corners; strange_frames: for how many frames a moved mouth has not fitted;
+    is_open: whether the chin has shown that the mouth opened, and it has not closed."""
 
     def __init__(
         self,
@@ -53,8 +50,7 @@ class MouthSearch:
         """view, first: the crop of the first frame, and the pose of the face in it."""
         self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
         self.chin = Skin(CHIN, person.face.chin, view.image, person.arrays, first.arrays, view.geometry)
-        self.corners = np.zeros(len(person.mouth), bool)
-        self.corners[_CORNERS] = True
+        self.held = holding_all_but(_MOVES_CORNERS)
         self.strange_frames, self.is_open = 0, False
 
     def search(self, view: View, best: Solution, predicted: Prediction, visible: Array) -> Solution:
@@ -63,7 +59,7 @@ class MouthSearch:
         opened = best if masked else self._opened(view, best, predicted)
         relaxed = self._relaxed(view, opened, predicted.last)
         seen = view.facing & (visible >= _VISIBLE)
-        if masked or relaxed is not opened or self.solver.misfits(opened) or not seen[self.corners].all():
+        if masked or relaxed is not opened or self.solver.misfits(opened) or not seen[self.person.corners].all():
             return relaxed
         return self._with_corners(view, opened, predicted)
 
@@ -126,9 +122,9 @@ class MouthSearch:
         s, pose = self.settings, best.pose
         open_by = max(float(pose.animation[JAW_DROP] - self.prior.rest[JAW_DROP]), 0.0)
         trust = 1 / (1 + self.prior.turned(pose, s.corner_turn_deg)) / (1 + (open_by / s.corner_jaw) ** 2)
-        information = np.diag(np.where(np.append(np.zeros(6, bool), _MOVES_CORNERS), 0.0, _HELD))
+        information = self.held.copy()
         information[6:, 6:] += predicted.information[6:, 6:]
         start = replace(pose, animation=np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
         held, tolerance = replace(predicted, pose=start, information=information), 1 + (s.corner_tolerance - 1) * trust
-        alone = self.solver.solve(view.of_landmarks(self.corners), pose, held, tolerance)
+        alone = self.solver.solve(view.of_landmarks(self.person.corners), pose, held, tolerance)
         return replace(best, pose=replace(pose, animation=alone.pose.animation))

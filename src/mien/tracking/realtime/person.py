@@ -65,10 +65,10 @@ up to 0.5 where somebody frowns."""
 class Person:
     """The shape and the appearance of n landmarks, and how far either is usually wrong.
 
-    units: (6, n, 3) in head axes; expected: (n,) squared distance of the usual
-    appearance; tolerance: (n,) factor of it at which a robust weight is a quarter; variance: (n, 4) of the systematic
-    error of a landmark's position, in pixels of the crop, and of the angles that its patch shows; brows, eyes, mouth,
-    temples: (n,) which landmarks belong to these, to mouth and chin, whose appearance changes as they move, and to the
+    units: (6, n, 3) in head axes; expected: (n,) squared distance of the usual appearance; tolerance: (n,) factor of it
+    at which a robust weight is a quarter; variance: (n, 4) of the systematic error of a landmark's position, in pixels
+    of the crop, and of the angles that its patch shows; brows, eyes, corners, mouth, temples: (n,) which landmarks
+    belong to these, the corners of the mouth, to mouth and chin, whose appearance changes as they move, and to the
     temples, which look alike on all faces; worn: (n,) which were learned as they lie on dark glasses or a mask; masked:
     (n,) on a mask; covers: what lies on the face; spectacles_evidence: logarithm of how much stranger the eyes look
     than the rest of a turned face, as a ratio of distances; learned_shut: whether the eyes were shut in the first
@@ -93,6 +93,7 @@ class Person:
         self.units = np.ascontiguousarray(fit.model.animation_units[:, vertices])
         self.brows = np.array(["brow" in name for name in TRACKED])
         self.eyes = np.array(["eye" in name for name in TRACKED])
+        self.corners = np.array(["mouth_corner" in name for name in TRACKED])
         self.mouth = np.array(["lip" in name or "mouth" in name or "chin" in name for name in TRACKED])
         self.shape: ShapePosterior = (
             deepcopy(before.shape)

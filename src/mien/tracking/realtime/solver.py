@@ -95,10 +95,8 @@ class PoseSolver:
     def solve(self, view: View, start: Pose, predicted: Prediction, tolerance: float = 1.0) -> Solution:
         """Minimise Eq. (9) in one view by Levenberg-Marquardt. tolerance: factor of the squared distances at which
         weights are a quarter."""
-        s, posterior = self.settings, self.posterior(view, predicted)
-        found = posterior._replace(scale=tolerance * posterior.scale).solve(
-            start.arrays, s.solver.iterations, s.solver.tolerance
-        )
+        s, posterior = self.settings, self.posterior(view, predicted, tolerance)
+        found = posterior.solve(start.arrays, s.solver.iterations, s.solver.tolerance)
         expected, noise, most = self.person.expected.copy(), view.level.noise, s.recovery.seen_distance
         return Solution(Pose(*found.pose), found.energy, found.at, view.facing, expected, noise, most)
 
@@ -106,8 +104,8 @@ class PoseSolver:
         """Whether a solution looks unlike the face."""
         return found.misfit > self.settings.solver.retry_distance
 
-    def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
-        """Eq. (9) in one view, with its prior centred on a prediction."""
+    def posterior(self, view: View, predicted: Prediction, tolerance: float = 1.0) -> PosePosterior:
+        """Eq. (9) in one view, with its prior centred on a prediction. tolerance: as `solve` takes it."""
         person, level, appearance = self.person, view.level, view.level.appearance
         U, gain, learned = person.metric(level)
         return PosePosterior(
@@ -126,7 +124,7 @@ class PoseSolver:
                 variance=person.misplacement_variance(level, predicted.last.animation),
             ),
             active=view.facing * person.covers.weight,
-            scale=person.tolerance * person.expected,
+            scale=tolerance * (person.tolerance * person.expected),
             prior=self.prior.arrays(predicted),
             view=view.geometry,
         )
