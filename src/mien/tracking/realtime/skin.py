@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 from mien.arrays import Array, Float32
@@ -62,6 +61,8 @@ UPPER_LIP = _region(
 )
 """The border of the upper lip, and the skin above it, as far as the nose."""
 
+_LEAST_CONTRAST = 1e-6
+"""Squared grey values: added to sums of such, so that skin without any contrast is like nothing."""
 _SPACING = 0.022
 """CANDIDE units between the points of a lattice of `SlidingRegion`."""
 
@@ -160,10 +161,12 @@ class SlidingSkin:
     ) -> None:
         """points: (2, j, 3) of its sides, relative to their carriers, head axes; image, pose, view: the crop of the
         first frame, and the face in it."""
-        self.region, self.first = region, pose[2].copy()
-        sides = zip(region.sides, points, strict=True)
-        self.skins = [Skin(*of_side, image, person, pose, view) for of_side in sides]
-        self.templates = [skin.values.reshape(region.shape)[region.skin].copy() for skin in self.skins]
+        self.shape, self.first = region.shape, pose[2].copy()
+        right, left = (Skin(*of_side, image, person, pose, view) for of_side in zip(region.sides, points, strict=True))
+        self.where = right.where, left.where
+        self.templates = np.array([side.values.reshape(region.shape)[region.skin] for side in (right, left)])
+        for template in self.templates:
+            template /= math.sqrt(center(template.reshape(-1)) + _LEAST_CONTRAST)
         self.outwards = _SPACING * np.arange(-region.inwards, region.outwards + 1)
         self.down = _SPACING * np.arange(-region.up, region.down + 1)
 
@@ -171,12 +174,10 @@ class SlidingSkin:
         """Correlations (m, k), mean of both sides, of the skin in the first frame with what a crop, in which the face
         is at a pose, shows where it would be if it had moved `down` and `outwards`."""
         R, t, _ = pose
-        shown = [skin.look(image, person, (R, t, self.first), view) for skin in self.skins]
-        right, left = (
-            cv2.matchTemplate(of_side.reshape(self.region.shape), template, cv2.TM_CCOEFF_NORMED)
-            for of_side, template in zip(shown, self.templates, strict=True)
+        likeness: Array = _sliding_likeness(
+            image, person, self.where, (R, t, self.first), view, self.templates, self.shape
         )
-        return np.asarray((right + left) / 2)
+        return likeness
 
 
 @kernel()
@@ -201,14 +202,58 @@ def _look(image: Any, person: Any, skin: Any, pose: Any, value: float, view: Any
 def _likeness(image: Any, person: Any, skin: Any, pose: Any, values: Any, view: Any, learned: Any) -> Any:
     """What `Skin.likeness` returns; learned: (m,) of the first frame, less their mean."""
     out, shown = np.empty(values.size), np.empty(learned.size, np.float32)
-    squared = 1e-6
+    squared = _LEAST_CONTRAST
     for j in range(learned.size):
         squared += learned[j] * learned[j]
     for k in range(values.size):
         _look(image, person, skin, pose, values[k], view, shown)
-        norm = center(shown) + 1e-6
+        norm = center(shown) + _LEAST_CONTRAST
         product = 0.0
         for j in range(learned.size):
             product += shown[j] * learned[j]
         out[k] = product / np.sqrt(squared * norm)
     return out
+
+
+@kernel()
+def _sliding_likeness(image: Any, person: Any, skins: Any, pose: Any, view: Any, templates: Any, shape: Any) -> Any:
+    """What `SlidingSkin.likeness` returns. skins: of both sides, as `_look` takes them; templates (2, i, j): of the
+    first frame, less their mean, over their norm; shape: rows and columns of the lattices."""
+    _, height, width = templates.shape
+    rows, columns, stride = shape[0] - height + 1, shape[1] - width + 1, shape[1]
+    out, shown = np.zeros((rows, columns)), np.empty(shape[0] * stride, np.float32)
+    in_rows = shown.size - width + 1  # rows behind each other, and with them some places beyond their ends
+    places = in_rows - stride * (height - 1)
+    for side in range(2):
+        _look(image, person, skins[side], pose, skins[side][-1], view, shown)
+        center(shown)
+        product = np.zeros(places, np.float32)
+        total, squared = np.zeros(in_rows, np.float32), np.zeros(in_rows, np.float32)
+        for j in range(width):
+            _add_sums(shown[j:], total, squared)
+            for i in range(height):
+                _add_product(templates[side, i, j], shown[i * stride + j :], product)
+        for r in range(rows):
+            for k in range(columns):
+                first, second = np.float32(0.0), np.float32(_LEAST_CONTRAST)
+                for i in range(height):
+                    first += total[(r + i) * stride + k]
+                    second += squared[(r + i) * stride + k]
+                spread = max(second - first * first / (height * width), _LEAST_CONTRAST)
+                out[r, k] += 0.5 * product[r * stride + k] / np.sqrt(spread)
+    return out
+
+
+@kernel()
+def _add_sums(values: Any, total: Any, squared: Any) -> None:
+    """Add values and their squares to the first of them (k,)."""
+    for k in range(total.size):
+        total[k] += values[k]
+        squared[k] += values[k] * values[k]
+
+
+@kernel()
+def _add_product(factor: float, values: Any, product: Any) -> None:
+    """Add a multiple of values to the first of them (k,)."""
+    for k in range(product.size):
+        product[k] += factor * values[k]

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
+from mien.compiled import kernel
 from mien.config.realtime import SkinSettings
-from mien.tracking.realtime.definite import solve_definite
+from mien.tracking.realtime.definite import solve_positive
 from mien.tracking.realtime.person import Person
 from mien.tracking.realtime.pose import Pose, Prediction
-from mien.tracking.realtime.pose_geometry import STATE_SIZE
+from mien.tracking.realtime.pose_geometry import STATE_SIZE, rotated
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.skin import BROWS, CORNERS, UPPER_LIP, Skin, SlidingSkin
 from mien.tracking.realtime.solution import View
@@ -48,26 +49,6 @@ class _Likeness(NamedTuple):
     trust: float
     variance: float = 0.0
 
-    @property
-    def is_found(self) -> bool:
-        """Whether it is alike enough at one of the values, and less so on either side of it."""
-        most = int(self.likeness.argmax())
-        return bool(self.likeness[most] >= self.least) and 0 < most < len(self.values) - 1
-
-    @property
-    def top(self) -> tuple[float, float]:
-        """By how much the skin has moved, the top of a parabola through the greatest likeness and those beside it, and
-        the information of that: the more sharply the likeness falls there, the more."""
-        k = int(self.likeness.argmax())
-        before, most, behind = self.likeness[k - 1 : k + 2].tolist()
-        step, bend = float(self.values[1] - self.values[0]), max(2 * most - before - behind, 1e-6)
-        value = float(self.values[k]) + step * (behind - before) / (2 * bend)
-        return value, 1 / (step**2 / (self.trust * self.energy * bend + 1e-12) + self.variance)
-
-    def gain(self, value: float) -> float:
-        """By how much more alike the skin is where it was found than where it would be if it had moved by a value."""
-        return self.trust * float(self.likeness.max() - np.interp(value, self.values, self.likeness))
-
 
 class SkinSearch:
     """Looks for the lips and the brows by the skin that moves with them. widening, lowering: (6,) CANDIDE units by
@@ -92,20 +73,26 @@ class SkinSearch:
         seen. Lips that bare the teeth look strange wherever they are, brows often do, and what was measured of their
         motion is drawn back to rest."""
         skins: list[_Likeness] = []
+        pose = predicted.pose
         if not self.person.is_masked:
-            skins += [self._upper_lip(view, predicted.pose), *self._corners(view, predicted.pose)]
+            trust = self._trust(pose, self.settings.turn_deg)
+            skins += [self._upper_lip(view, pose, trust), *self._corners(view, pose, trust)]
         if not (self.person.worn & self.person.brows).any():
             skins += self._brows(view, predicted)
-        found = [skin for skin in skins if skin.is_found]
-        return self._moved(predicted, found) if found else predicted
+        information, gradient = predicted.information.copy(), np.zeros(STATE_SIZE)
+        animation, rest, gain = pose.animation.copy(), self.prior.rest, self.settings.gain
+        if not any([_add_skin(tuple(skin), rest, gain, animation, information, gradient) for skin in skins]):
+            return predicted
+        pose = replace(pose, animation=animation).moved(solve_positive(information.copy(), gradient))
+        return replace(predicted, pose=pose, information=information)
 
-    def _upper_lip(self, view: View, pose: Pose) -> _Likeness:
+    def _upper_lip(self, view: View, pose: Pose, trust: float) -> _Likeness:
         s, unit = self.settings, UPPER_LIP.unit
         lips = float(self.prior.rest[unit]) + _LIPS
         likeness = self.upper_lip.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, lips)
-        return _Likeness(_RAISES, _LIPS, likeness, s.energy, s.least, self._trust(pose, s.turn_deg))
+        return _Likeness(_RAISES, _LIPS, likeness, s.energy, s.least, trust)
 
-    def _corners(self, view: View, pose: Pose) -> list[_Likeness]:
+    def _corners(self, view: View, pose: Pose, trust: float) -> list[_Likeness]:
         """How far out they are, if they are found; how far down they are does not say that."""
         if float(self.widening.sum()) < _LEAST_MOTION:
             return []
@@ -113,7 +100,6 @@ class SkinSearch:
         row = int(likeness.argmax()) // likeness.shape[1]
         if not 0 < row < len(likeness) - 1:
             return []
-        trust = self._trust(pose, s.turn_deg)
         return [_Likeness(self.widening, self.corners.outwards, likeness[row], s.corner_energy, s.least, trust)]
 
     def _brows(self, view: View, predicted: Prediction) -> list[_Likeness]:
@@ -121,13 +107,10 @@ class SkinSearch:
         not where it was predicted moves them, too."""
         if float(np.abs(self.lowering).sum()) < _LEAST_MOTION:
             return []
-        s, pose = self.settings, predicted.pose
-        likeness = self._looked_for(self.brows, view, pose)
-        along = likeness[:, int(likeness.argmax()) % likeness.shape[1]]
-        by_step = np.zeros(STATE_SIZE)
-        by_step[:6] = (pose.R @ self.brow_step).T.ravel()
-        variance = float(by_step @ solve_definite(predicted.information, by_step))
-        trust = self._trust(pose, s.brow_turn_deg)
+        s, likeness = self.settings, self._looked_for(self.brows, view, predicted.pose)
+        along = likeness[:, int(likeness.argmax()) % likeness.shape[1]].copy()
+        trust = self._trust(predicted.pose, s.brow_turn_deg)
+        variance = _variance_along(predicted.information, predicted.pose.arrays[0], self.brow_step)
         return [_Likeness(self.lowering, self.brows.down, along, s.energy, s.brow_least, trust, variance)]
 
     def _looked_for(self, skin: SlidingSkin, view: View, pose: Pose) -> Array:
@@ -137,17 +120,51 @@ class SkinSearch:
         """Which share counts of what skin says: the further a head turns, the more it looks otherwise by that."""
         return 1 / (1 + self.prior.turned(pose, degrees))
 
-    def _moved(self, predicted: Prediction, skins: list[_Likeness]) -> Prediction:
-        """A prediction, and that some skin is most like that of the first frame where it has moved by some value."""
-        pose, rest = predicted.pose, self.prior.rest
-        information, gradient = predicted.information.copy(), np.zeros(STATE_SIZE)
-        for skin in skins:
-            by_unit, (seen, certain) = skin.by_unit, skin.top
-            missing = seen - float(by_unit @ (pose.animation - rest))
-            if skin.gain(seen - missing) > self.settings.gain and missing**2 > _SURPRISE**2 * skin.variance:
-                there = pose.animation + missing / float(by_unit @ by_unit) * by_unit  # what was predicted is not there
-                pose, missing = replace(pose, animation=there), 0.0
-            information[6:, 6:] += certain * by_unit * by_unit[:, None]
-            gradient[6:] += certain * missing * by_unit
-        pose = pose.moved(solve_definite(information, gradient))
-        return replace(predicted, pose=pose, information=information)
+
+@kernel()
+def _variance_along(information: Any, R: Any, step: Any) -> float:
+    """Variance of what a rotation and a translation, steps (3, 2) in the axes of a head with rotation R (3, 3), change
+    by one, where information (12, 12) is known of the pose."""
+    by_step = np.zeros(STATE_SIZE)
+    for k in range(2):
+        x, y, z = rotated(R, step[0, k], step[1, k], step[2, k])
+        by_step[3 * k], by_step[3 * k + 1], by_step[3 * k + 2] = x, y, z
+    found, variance = solve_positive(information.copy(), by_step), 0.0
+    for k in range(6):
+        variance += by_step[k] * found[k]
+    return variance
+
+
+@kernel()
+def _add_skin(skin: Any, rest: Any, gain: float, animation: Any, information: Any, gradient: Any) -> bool:
+    """Add to a prediction, its animation (6,), information (12, 12) of a step from it and gradient (12,), that some
+    skin, a `_Likeness`, is most like that of the first frame where it has moved by some value; returns whether it is.
+
+    It is if it is alike enough there, and less so on either side: at the top of a parabola through the three. The more
+    sharply the likeness falls there, the more that says. gain: by how much more alike it has to be there than where it
+    is predicted for the prediction to be given up.
+    """
+    by_unit, values, likeness, energy, least, trust, variance = skin
+    most, last = likeness.argmax(), values.size - 1
+    if likeness[most] < least or most == 0 or most == last:
+        return False
+    step, slope = values[1] - values[0], likeness[most + 1] - likeness[most - 1]
+    bend = max(2 * likeness[most] - likeness[most - 1] - likeness[most + 1], 1e-6)
+    predicted, squared = 0.0, 0.0
+    for k in range(by_unit.size):
+        predicted += by_unit[k] * (animation[k] - rest[k])
+        squared += by_unit[k] * by_unit[k]
+    missing = values[most] + step * slope / (2 * bend) - predicted
+    place = min(max((predicted - values[0]) / step, 0.0), last - 1e-9)
+    k = int(place)
+    there = likeness[k] + (place - k) * (likeness[k + 1] - likeness[k])
+    if trust * (likeness[most] - there) > gain and missing * missing > _SURPRISE * _SURPRISE * variance:
+        for k in range(by_unit.size):
+            animation[k] += missing / squared * by_unit[k]
+        missing = 0.0
+    certain = 1 / (step * step / (trust * energy * bend + 1e-12) + variance)
+    for i in range(by_unit.size):
+        gradient[6 + i] += certain * missing * by_unit[i]
+        for j in range(by_unit.size):
+            information[6 + i, 6 + j] += certain * by_unit[i] * by_unit[j]
+    return True
