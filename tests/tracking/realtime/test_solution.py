@@ -13,6 +13,7 @@ from mien.tracking.realtime.kernels import Linearization
 from mien.tracking.realtime.level import Noise
 from mien.tracking.realtime.order import median
 from mien.tracking.realtime.pose import Pose
+from mien.tracking.realtime.posterior import PosePosterior
 from mien.tracking.realtime.solution import Solution
 
 LANDMARKS, N, MOST = len(LANDMARK_NAMES), 33, 60.0
@@ -22,7 +23,8 @@ NOTHING = np.zeros(N, dtype=bool)
 def _solution(d2: Array, facing: Mask, rng: np.random.Generator, contrast: float = 0.8) -> Solution:
     at = Linearization(*([np.zeros(0)] * 3), d2, *([np.zeros(0)] * 4))
     noise = Noise(rng.uniform(0, 5, N), contrast)
-    return Solution(Pose(*[np.zeros(0)] * 3), 0.0, at, facing, rng.uniform(10, 30, N), noise, MOST)
+    posterior = PosePosterior(*[None] * len(PosePosterior._fields))  # type: ignore[arg-type]  # not asked for
+    return Solution(Pose(*[np.zeros(0)] * 3), 0.0, at, posterior, facing, rng.uniform(10, 30, N), noise, MOST)
 
 
 def _of_best(values: Array, part: int) -> float:

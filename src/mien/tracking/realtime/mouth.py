@@ -61,7 +61,7 @@ class MouthSearch:
         seen = view.facing & (visible >= _VISIBLE)
         if masked or relaxed is not opened or self.solver.misfits(opened) or not seen[self.person.corners].all():
             return relaxed
-        return self._with_corners(view, opened, predicted)
+        return self._with_corners(opened, predicted)
 
     def _opened(self, view: View, best: Solution, predicted: Prediction) -> Solution:
         """A jaw can move further in a frame than its patches reach, and lips that open look strange wherever they are:
@@ -115,7 +115,7 @@ class MouthSearch:
             return best
         return self.solver.solve(view, at_rest.pose, at_rest)
 
-    def _with_corners(self, view: View, best: Solution, predicted: Prediction) -> Solution:
+    def _with_corners(self, best: Solution, predicted: Prediction) -> Solution:
         """A solution whose corners of the mouth are found alone, with all else held. Corners that move look strange,
         and hardly count beside the rest of the head; here, where they cannot lead it astray, they may look stranger,
         but the less, the further the head has turned, or the mouth has opened, as both change how they look."""
@@ -126,5 +126,5 @@ class MouthSearch:
         information[6:, 6:] += predicted.information[6:, 6:]
         start = replace(pose, animation=np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
         held, tolerance = replace(predicted, pose=start, information=information), 1 + (s.corner_tolerance - 1) * trust
-        alone = self.solver.solve(view.of_landmarks(self.person.corners), pose, held, tolerance)
-        return replace(best, pose=replace(pose, animation=alone.pose.animation))
+        alone = self.solver.alone(self.person.corners, best, held, tolerance)
+        return replace(best, pose=replace(pose, animation=alone.animation))

@@ -19,6 +19,7 @@ from mien.tracking.realtime.level import Level, Noise
 from mien.tracking.realtime.order import insert, median
 from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.pose_geometry import ViewArrays
+from mien.tracking.realtime.posterior import PosePosterior
 
 _LEAST_LANDMARKS = 6
 
@@ -92,13 +93,14 @@ class _Judgement(NamedTuple):
 class Solution:
     """The lowest point of Eq. (9) that a solve found, and what was observed there.
 
-    facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance; most:
+    posterior: what it is the lowest point of; facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance; most:
     squared distance, without noise, up to which a landmark is seen.
     """
 
     pose: Pose
     energy: float
     at: Linearization
+    posterior: PosePosterior
     facing: Mask
     expected: Array
     noise: Noise

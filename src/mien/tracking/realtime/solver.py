@@ -18,7 +18,7 @@ from mien.tracking.realtime.kernels import AppearanceArrays
 from mien.tracking.realtime.level import Level
 from mien.tracking.realtime.person import Person
 from mien.tracking.realtime.pose import Pose, Prediction
-from mien.tracking.realtime.posterior import PosePosterior
+from mien.tracking.realtime.posterior import LowestPoint, PosePosterior
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Solution, View
 
@@ -92,20 +92,30 @@ class PoseSolver:
         points = np.where(ahead[:, None], points, -math.inf)
         return graphics.share_around(points, reach) >= self.settings.visibility.graphics_share
 
-    def solve(self, view: View, start: Pose, predicted: Prediction, tolerance: float = 1.0) -> Solution:
-        """Minimise Eq. (9) in one view by Levenberg-Marquardt. tolerance: factor of the squared distances at which
-        weights are a quarter."""
-        s, posterior = self.settings, self.posterior(view, predicted, tolerance)
-        found = posterior.solve(start.arrays, s.solver.iterations, s.solver.tolerance)
-        expected, noise, most = self.person.expected.copy(), view.level.noise, s.recovery.seen_distance
-        return Solution(Pose(*found.pose), found.energy, found.at, view.facing, expected, noise, most)
+    def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
+        """Minimise Eq. (9) in one view by Levenberg-Marquardt."""
+        posterior = self.posterior(view, predicted)
+        found = self._lowest(posterior, start)
+        expected, noise, most = self.person.expected.copy(), view.level.noise, self.settings.recovery.seen_distance
+        return Solution(Pose(*found.pose), found.energy, found.at, posterior, view.facing, expected, noise, most)
+
+    def alone(self, landmarks: Mask, found: Solution, predicted: Prediction, tolerance: float) -> Pose:
+        """The pose that minimises what a solution did by these of its landmarks (n,) alone, about another prediction.
+        tolerance: factor of the squared distances at which their weights are a quarter."""
+        active, scale, prior = found.posterior.active, found.posterior.scale, self.prior.arrays(predicted)
+        posterior = found.posterior._replace(active=active * landmarks, scale=tolerance * scale, prior=prior)
+        return Pose(*self._lowest(posterior, found.pose).pose)
+
+    def _lowest(self, posterior: PosePosterior, start: Pose) -> LowestPoint:
+        s = self.settings.solver
+        return posterior.solve(start.arrays, s.iterations, s.tolerance)
 
     def misfits(self, found: Solution) -> bool:
         """Whether a solution looks unlike the face."""
         return found.misfit > self.settings.solver.retry_distance
 
-    def posterior(self, view: View, predicted: Prediction, tolerance: float = 1.0) -> PosePosterior:
-        """Eq. (9) in one view, with its prior centred on a prediction. tolerance: as `solve` takes it."""
+    def posterior(self, view: View, predicted: Prediction) -> PosePosterior:
+        """Eq. (9) in one view, with its prior centred on a prediction."""
         person, level, appearance = self.person, view.level, view.level.appearance
         U, gain, learned = person.metric(level)
         return PosePosterior(
@@ -124,7 +134,7 @@ class PoseSolver:
                 variance=person.misplacement_variance(level, predicted.last.animation),
             ),
             active=view.facing * person.covers.weight,
-            scale=tolerance * (person.tolerance * person.expected),
+            scale=person.tolerance * person.expected,
             prior=self.prior.arrays(predicted),
             view=view.geometry,
         )
