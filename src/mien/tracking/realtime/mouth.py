@@ -109,7 +109,7 @@ class MouthSearch:
         if self.strange_frames % s.interval != 1:
             return best
         rest = np.where(MOVES_MOUTH, self.prior.rest, best.pose.animation)
-        at_rest = self.prior.prediction(replace(best.pose, animation=rest), last)
+        at_rest = self.prior.prediction(best.pose.with_animation(rest), last)
         alone = self.solver.solve(view.of_landmarks(mouth), at_rest.pose, at_rest)
         if (alone.d2[mouth] / usual).mean() > s.share * misfit:
             return best
@@ -124,7 +124,7 @@ class MouthSearch:
         trust = 1 / (1 + self.prior.turned(pose, s.corner_turn_deg)) / (1 + (open_by / s.corner_jaw) ** 2)
         information = self.held.copy()
         information[6:, 6:] += predicted.information[6:, 6:]
-        start = replace(pose, animation=np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
-        held, tolerance = replace(predicted, pose=start, information=information), 1 + (s.corner_tolerance - 1) * trust
+        start = pose.with_animation(np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
+        held, tolerance = Prediction(start, information, predicted.last), 1 + (s.corner_tolerance - 1) * trust
         alone = self.solver.alone(self.person.corners, best, held, tolerance)
-        return replace(best, pose=replace(pose, animation=alone.animation))
+        return replace(best, pose=pose.with_animation(alone.animation))

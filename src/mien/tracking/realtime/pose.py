@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -42,7 +42,14 @@ class Pose:
         """The pose with another value of an animation unit."""
         animation = self.animation.copy()
         animation[unit] = value
-        return replace(self, animation=animation)
+        return self.with_animation(animation)
+
+    def with_animation(self, animation: Array) -> Pose:
+        """The pose with another animation (6,); both share from where the head is seen."""
+        pose = Pose(self.R, self.t, animation)
+        if "_sight" in vars(self):
+            vars(pose)["_sight"] = self._sight
+        return pose
 
     @cached_property
     def arrays(self) -> PoseArrays:

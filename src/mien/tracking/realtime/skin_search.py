@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,8 +82,8 @@ class SkinSearch:
         animation, rest, gain = pose.animation.copy(), self.prior.rest, self.settings.gain
         if not any([_add_skin(tuple(skin), rest, gain, animation, information, gradient) for skin in skins]):
             return predicted
-        pose = replace(pose, animation=animation).moved(solve_positive(information.copy(), gradient))
-        return replace(predicted, pose=pose, information=information)
+        pose = pose.with_animation(animation).moved(solve_positive(information.copy(), gradient))
+        return Prediction(pose, information, predicted.last)
 
     def _upper_lip(self, view: View, pose: Pose, trust: float) -> _Likeness:
         s, unit = self.settings, UPPER_LIP.unit

@@ -93,8 +93,8 @@ class _Judgement(NamedTuple):
 class Solution:
     """The lowest point of Eq. (9) that a solve found, and what was observed there.
 
-    posterior: what it is the lowest point of; facing (n,): whether a landmark faces the camera inside the image; expected (n,): its usual squared distance; most:
-    squared distance, without noise, up to which a landmark is seen.
+    posterior: of which it is the lowest point; facing (n,): whether a landmark faces the camera inside the image;
+    expected (n,): its usual squared distance; most: squared distance, without noise, up to which a landmark is seen.
     """
 
     pose: Pose

@@ -373,7 +373,7 @@ class RealtimeTracker:
         pose = solution.pose
         if not self.person.is_masked:
             return pose
-        return replace(pose, animation=np.where(MOVES_MOUTH, self.first_animation, pose.animation))
+        return pose.with_animation(np.where(MOVES_MOUTH, self.first_animation, pose.animation))
 
     @property
     def _told_closing(self) -> Closing | None:
