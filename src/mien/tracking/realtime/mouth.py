@@ -3,8 +3,6 @@ where its corners look strange."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mien.arrays import Array
@@ -127,4 +125,4 @@ class MouthSearch:
         start = pose.with_animation(np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
         held, tolerance = Prediction(start, information, predicted.last), 1 + (s.corner_tolerance - 1) * trust
         alone = self.solver.alone(self.person.corners, best, held, tolerance)
-        return replace(best, pose=pose.with_animation(alone.animation))
+        return best.with_pose(pose.with_animation(alone.animation))

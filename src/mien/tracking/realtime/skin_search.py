@@ -51,8 +51,9 @@ class _Likeness(NamedTuple):
 
 class SkinSearch:
     """Looks for the lips and the brows by the skin that moves with them. widening, lowering: (6,) CANDIDE units by
-    which lip_stretcher moves the corners of the mouth outwards, and the units of the brows move these down; brow_step:
-    (3, 2) how far down a rotation and a translation of the head move the brows, in head axes."""
+    which lip_stretcher moves the corners of the mouth outwards, and the units of the brows move these down; may_widen,
+    may_lower: whether that is enough to look for them; brow_step: (3, 2) how far down a rotation and a translation of
+    the head move the brows, in head axes."""
 
     def __init__(self, person: Person, prior: StatePrior, view: View, first: Pose, settings: SkinSettings) -> None:
         """view, first: the crop of the first frame, and the pose of the face in it."""
@@ -65,6 +66,8 @@ class SkinSearch:
         self.widening = np.where(_STRETCHES, (left - right)[:, 0] / 2, 0.0)
         brows = [side.carrier for side in BROWS.sides]
         self.lowering = np.where(_MOVES_BROWS, -person.units[:, brows, 1].mean(axis=1), 0.0)
+        self.may_widen = float(self.widening.sum()) >= _LEAST_MOTION
+        self.may_lower = float(np.abs(self.lowering).sum()) >= _LEAST_MOTION
         self.brow_step = np.column_stack([np.cross(person.neutral[brows].mean(axis=0), _DOWN), _DOWN])
 
     def with_skin(self, view: View, predicted: Prediction) -> Prediction:
@@ -93,7 +96,7 @@ class SkinSearch:
 
     def _corners(self, view: View, pose: Pose, trust: float) -> list[_Likeness]:
         """How far out they are, if they are found; how far down they are does not say that."""
-        if float(self.widening.sum()) < _LEAST_MOTION:
+        if not self.may_widen:
             return []
         s, likeness = self.settings, self._looked_for(self.corners, view, pose)
         row = int(likeness.argmax()) // likeness.shape[1]
@@ -104,7 +107,7 @@ class SkinSearch:
     def _brows(self, view: View, predicted: Prediction) -> list[_Likeness]:
         """How far down they are. Unlike lips they are not compared with what does not move, so that a head that is
         not where it was predicted moves them, too."""
-        if float(np.abs(self.lowering).sum()) < _LEAST_MOTION:
+        if not self.may_lower:
             return []
         s, likeness = self.settings, self._looked_for(self.brows, view, predicted.pose)
         along = likeness[:, int(likeness.argmax()) % likeness.shape[1]].copy()

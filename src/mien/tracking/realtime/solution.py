@@ -106,6 +106,12 @@ class Solution:
     noise: Noise
     most: float
 
+    def with_pose(self, pose: Pose) -> Solution:
+        """The solution with another pose; what was observed, and follows from it, is shared."""
+        moved = object.__new__(Solution)
+        vars(moved).update(vars(self), pose=pose)
+        return moved
+
     @property
     def d2(self) -> Array:
         """Squared distance (n,) of each landmark from what was expected."""

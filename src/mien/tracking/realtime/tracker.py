@@ -7,7 +7,6 @@ is the face, learn from it, and report. A face that is lost is searched for with
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -334,7 +333,7 @@ class RealtimeTracker:
         inertia = np.diag(1 / sd**2)
         information = found.at.H / frame_variance(found.seen_d2, found.seen_share)
         back = solve_definite(information + inertia, inertia @ predicted.step_to(found.pose))
-        return replace(found, pose=found.pose.moved(-back))
+        return found.with_pose(found.pose.moved(-back))
 
     def _predict_from_motion(self, view: View, predicted: Prediction) -> Prediction:
         """The prediction corrected by the motion of the pixels since the last frame, and by where the skin that moves
