@@ -81,3 +81,18 @@ def test_only_corners_that_were_visible_are_found_again(is_visible: bool) -> Non
     view, best = tracker.solver.refine(frame, predicted)
     found = tracker.mouth.search(view, best, predicted, np.full(len(view.facing), float(is_visible)))
     assert np.array_equal(found.pose.animation, best.pose.animation) is not is_visible
+
+
+@pytest.mark.parametrize("tolerance", [1.0, 8.0])
+def test_some_landmarks_alone_are_found_as_in_a_view_of_these(tolerance: float) -> None:
+    """And with the wider tolerance as if that were expected of them."""
+    tracker, frame = begun(opening().frames[0]), opening().frames[1]
+    solver, mouth = tracker.solver, tracker.person.mouth
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    view, best = solver.refine(frame, predicted)
+    alone = solver.alone(mouth, best, predicted, tolerance)
+    tracker.person.tolerance = tolerance * tracker.person.tolerance
+    expected = solver.solve(view.of_landmarks(mouth), best.pose, predicted).pose
+    for name in ("R", "t", "animation"):
+        np.testing.assert_allclose(getattr(alone, name), getattr(expected, name), atol=1e-9)
+    assert not np.allclose(alone.animation, best.pose.animation, atol=1e-3)

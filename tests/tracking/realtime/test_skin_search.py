@@ -17,7 +17,7 @@ from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 from mien.synthetic import SyntheticSequence
 from mien.tracking.realtime import RealtimeTracker
 from mien.tracking.realtime.pose import Prediction
-from mien.tracking.realtime.skin import BROWS, CORNERS, UPPER_LIP
+from mien.tracking.realtime.skin import BROWS, CORNERS, UPPER_LIP, Skin
 from mien.tracking.realtime.solution import View
 from moved_mouth import moved_unit, with_mouth
 from small_motion import begun, face
@@ -94,6 +94,31 @@ def test_the_corners_of_the_mouth_are_found_by_the_skin_around_them(stretched: f
     assert likeness.max() > 0.8
     assert likeness.argmax() // likeness.shape[1] == len(likeness) // 2  # no lower, no higher
     assert out == pytest.approx(stretched * tracker.skin.widening[STRETCHER], abs=0.025)
+
+
+def test_the_likeness_of_skin_is_its_normalised_cross_correlation() -> None:
+    """As OpenCV finds it, in a frame whose first animation is not at rest."""
+    tracker, frame = begun(raising().frames[2]), raising().frames[0]
+    person, pose, view = tracker.person.arrays, tracker.pose.arrays, _view(tracker, frame)
+    first = _view(tracker, raising().frames[2])
+    for region, points, skin in (
+        (CORNERS, tracker.face.corners, tracker.skin.corners),
+        (BROWS, tracker.face.brows, tracker.skin.brows),
+    ):
+        sides = [
+            Skin(side, at, first.image, person, pose, first.geometry)
+            for side, at in zip(region.sides, points, strict=True)
+        ]
+        by_side = [
+            cv2.matchTemplate(
+                side.look(view.image, person, pose, view.geometry).reshape(region.shape),
+                side.look(first.image, person, pose, first.geometry).reshape(region.shape)[region.skin].copy(),
+                cv2.TM_CCOEFF_NORMED,
+            )
+            for side in sides
+        ]
+        found = skin.likeness(view.image, person, pose, view.geometry)
+        np.testing.assert_allclose(found, np.mean(by_side, axis=0), atol=1e-4)
 
 
 def test_teeth_do_not_hide_a_grin() -> None:

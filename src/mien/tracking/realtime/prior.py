@@ -62,8 +62,8 @@ class StatePrior:
             pose.seen_from.tolist(),
             self.seen_from.tolist(),
         )  # for three numbers faster than NumPy
-        squared_sine = max(1 - (x * x0 + y * y0 + z * z0) ** 2, 0.0)
-        return squared_sine / math.sin(math.radians(degrees)) ** 2
+        cosine: float = x * x0 + y * y0 + z * z0
+        return max(1 - cosine * cosine, 0.0) / math.sin(math.radians(degrees)) ** 2
 
 
 @kernel()
