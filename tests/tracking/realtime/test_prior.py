@@ -6,7 +6,7 @@ import numpy as np
 
 from mien.config import RealtimeSettings
 from mien.geometry.rotation import FACING, exp
-from mien.tracking.realtime.pose import Pose, Prediction
+from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.prior import StatePrior, student_information
 
 
@@ -15,9 +15,7 @@ def test_the_rest_is_firmer_where_a_prediction_has_turned() -> None:
     first = Pose(FACING, np.array([0.0, 0.0, 9.0]), np.zeros(6))
     prior = StatePrior(first, RealtimeSettings())
     turned = Pose(exp(np.array([0.0, 0.7, 0.0])) @ FACING, first.t, first.animation)
-    front, side = (
-        prior.arrays(Prediction(pose, prior.information, first)).rest_information for pose in (first, turned)
-    )
+    front, side = (prior.arrays(prior.prediction(pose, first)).rest_information for pose in (first, turned))
     assert (side > 5 * front).all()
 
 

@@ -155,11 +155,11 @@ def test_the_skin_beside_the_lips_is_where_it_is_however_the_head_is_held(roll_d
 def test_the_further_a_head_turns_the_less_the_skin_says_of_the_upper_lip() -> None:
     tracker, frame = begun(raising().frames[0]), raising().frames[1]
     view = _view(tracker, frame)
-    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
     entry, ahead = 6 + UPPER_LIP.unit, tracker.prior.seen_from
     added = []
     for degrees in (0, 3, 30):
         tracker.prior.seen_from = matrix_from_euler(np.radians([0, degrees, 0])) @ ahead
+        predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
         found = tracker.skin.with_skin(view, predicted)
         added.append(found.information[entry, entry] - predicted.information[entry, entry])
         assert found.pose.animation[UPPER_LIP.unit] > tracker.pose.animation[UPPER_LIP.unit]
@@ -215,7 +215,7 @@ def _raised_in(tracker: RealtimeTracker, of_pose: float) -> float:
     """By how much the skin of raised brows moves outer_brow_raiser from where it was predicted. of_pose: information of
     each entry of the predicted pose of the head."""
     view = _view(tracker, _with_brows(tracker, still().frames[1], still().landmarks[1], BROWS_UP))
-    predicted = Prediction(tracker.pose, np.diag(np.repeat([of_pose, 4.0], 6)), tracker.pose)
+    predicted = Prediction(tracker.pose, np.diag(np.repeat([of_pose, 4.0], 6)), tracker.pose, 0.0)
     found = tracker.skin.with_skin(view, predicted)
     return float((found.pose.animation - predicted.pose.animation)[RAISER])
 

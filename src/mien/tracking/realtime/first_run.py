@@ -96,6 +96,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (definite.inverse, (_array(2),)),
     (motion._of_measured_step, (_array(2), 0.0, _array(2), _array(2), _array(1), 0.0, _array(1))),
     (uncertainty._total_covariance, (0.0, _array(2), 0.0, 0.0, _array(2), _array(1))),
+    (uncertainty.focal_covariance, (_array(1), _array(1), 0.0)),
     (uncertainty._of_model, (_array(2), _array(1), _array(2), _array(1), _array(1), 0.0, 0.0)),
     (level._nearest, (_array(1), 0.0)),
     (look_covariance._learn,

@@ -119,10 +119,10 @@ class MouthSearch:
         but the less, the further the head has turned, or the mouth has opened, as both change how they look."""
         s, pose = self.settings, best.pose
         open_by = max(float(pose.animation[JAW_DROP] - self.prior.rest[JAW_DROP]), 0.0)
-        trust = 1 / (1 + self.prior.turned(pose, s.corner_turn_deg)) / (1 + (open_by / s.corner_jaw) ** 2)
+        trust = 1 / (1 + predicted.turned(s.corner_turn_deg)) / (1 + (open_by / s.corner_jaw) ** 2)
         information = self.held.copy()
         information[6:, 6:] += predicted.information[6:, 6:]
         start = pose.with_animation(np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))
-        held, tolerance = Prediction(start, information, predicted.last), 1 + (s.corner_tolerance - 1) * trust
+        held, tolerance = predicted.improved(start, information), 1 + (s.corner_tolerance - 1) * trust
         alone = self.solver.alone(self.person.corners, best, held, tolerance)
         return best.with_pose(pose.with_animation(alone.animation))

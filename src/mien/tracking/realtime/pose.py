@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -99,9 +100,18 @@ class Pose:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it. last: pose in the last
-    frame."""
+    """The prior of Eq. (9): a pose, and the information (12, 12) of a step away from it. last: pose in the last frame;
+    squared_sine: of the angle between where the first frame sees the head and where it was first predicted."""
 
     pose: Pose
     information: Array
     last: Pose
+    squared_sine: float
+
+    def improved(self, pose: Pose, information: Array) -> Prediction:
+        """The prediction of the same frame when more is known."""
+        return Prediction(pose, information, self.last, self.squared_sine)
+
+    def turned(self, degrees: float) -> float:
+        """How far the head has turned from the first frame: the squared sine of that, over the one of some degrees."""
+        return self.squared_sine / math.sin(math.radians(degrees)) ** 2

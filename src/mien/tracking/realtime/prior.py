@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,12 @@ class StatePrior:
 
     def prediction(self, pose: Pose, last: Pose) -> Prediction:
         """The prediction of a pose by the last one alone, without a measured motion."""
-        return Prediction(pose, self.information, last)
+        (x, y, z), (x0, y0, z0) = (
+            pose.seen_from.tolist(),
+            self.seen_from.tolist(),
+        )  # for three numbers faster than NumPy
+        cosine: float = x * x0 + y * y0 + z * z0
+        return Prediction(pose, self.information, last, max(1 - cosine * cosine, 0.0))
 
     def arrays(self, predicted: Prediction) -> PriorArrays:
         """The prior about a prediction, as the kernels take it."""
@@ -50,20 +54,11 @@ class StatePrior:
     def _rest_information(self, predicted: Prediction) -> Array:
         """Information (6,) of the animation about rest, reweighted by that of the last frame."""
         s = self.settings
-        factor = 1 + self.turned(predicted.pose, s.rest.turn_deg)
+        factor = 1 + predicted.turned(s.rest.turn_deg)
         information: Array = student_information(
             self.rest_information, self.firmness, predicted.last.animation - self.rest, s.rest.within, factor
         )
         return information
-
-    def turned(self, pose: Pose, degrees: float) -> float:
-        """How far a pose has turned from the first frame: the squared sine of that, over the one of some degrees."""
-        (x, y, z), (x0, y0, z0) = (
-            pose.seen_from.tolist(),
-            self.seen_from.tolist(),
-        )  # for three numbers faster than NumPy
-        cosine: float = x * x0 + y * y0 + z * z0
-        return max(1 - cosine * cosine, 0.0) / math.sin(math.radians(degrees)) ** 2
 
 
 @kernel()

@@ -77,7 +77,7 @@ class SkinSearch:
         skins: list[_Likeness] = []
         pose = predicted.pose
         if not self.person.is_masked:
-            trust = self._trust(pose, self.settings.turn_deg)
+            trust = _trust(predicted, self.settings.turn_deg)
             skins += [self._upper_lip(view, pose, trust), *self._corners(view, pose, trust)]
         if not (self.person.worn & self.person.brows).any():
             skins += self._brows(view, predicted)
@@ -86,7 +86,7 @@ class SkinSearch:
         if not any([_add_skin(tuple(skin), rest, gain, animation, information, gradient) for skin in skins]):
             return predicted
         pose = pose.with_animation(animation).moved(solve_positive(information.copy(), gradient))
-        return Prediction(pose, information, predicted.last)
+        return predicted.improved(pose, information)
 
     def _upper_lip(self, view: View, pose: Pose, trust: float) -> _Likeness:
         s, unit = self.settings, UPPER_LIP.unit
@@ -111,16 +111,18 @@ class SkinSearch:
             return []
         s, likeness = self.settings, self._looked_for(self.brows, view, predicted.pose)
         along = likeness[:, int(likeness.argmax()) % likeness.shape[1]].copy()
-        trust = self._trust(predicted.pose, s.brow_turn_deg)
+        trust = _trust(predicted, s.brow_turn_deg)
         variance = _variance_along(predicted.information, predicted.pose.arrays[0], self.brow_step)
         return [_Likeness(self.lowering, self.brows.down, along, s.energy, s.brow_least, trust, variance)]
 
     def _looked_for(self, skin: SlidingSkin, view: View, pose: Pose) -> Array:
         return skin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry)
 
-    def _trust(self, pose: Pose, degrees: float) -> float:
-        """Which share counts of what skin says: the further a head turns, the more it looks otherwise by that."""
-        return 1 / (1 + self.prior.turned(pose, degrees))
+
+def _trust(predicted: Prediction, degrees: float) -> float:
+    """Which share counts of what skin says: the further a head has turned, the more it looks otherwise by that, and the
+    half after some degrees."""
+    return 1 / (1 + predicted.turned(degrees))
 
 
 @kernel()

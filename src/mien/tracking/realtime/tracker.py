@@ -343,7 +343,7 @@ class RealtimeTracker:
         pose = Pose(*moved)
         step = self.pose.step_to(pose)
         information = self.motion.information_of(measured, prior.information, self.step_covariance, step)
-        return self.skin.with_skin(view, Prediction(pose, information, self.pose))
+        return self.skin.with_skin(view, predicted.improved(pose, information))
 
     def _remember(self, frame: Frame, view: View, solution: Solution) -> tuple[float, float]:
         """Store what the next frame is compared with: the patches and the surroundings. Returns the correlations of the

@@ -190,16 +190,22 @@ def _total_covariance(variance: float, spread: Any, across: float, along: float,
     return out
 
 
-def focal_covariance(t: Array, first_ray: Array, log_sd: float) -> Array:
+@kernel()
+def focal_covariance(t: Any, first_ray: Any, log_sd: float) -> Any:
     """Covariance (6, 6) of `[w, t]` from a focal length whose logarithm has an error with standard deviation log_sd,
     for a head at t (3,), camera axes, that the first frame saw along a ray (3,).
 
     If it is too long by a share d, the ray to a head at an angle a from the optical axis has an error of `d sin(a)
     cos(a)`, by which all that is seen there seems turned, and the head seems further away by the share d."""
-    x, y, z = t / math.sqrt(float(t @ t))
-    x_first, y_first, z_first = first_ray
-    error = np.array([z * y - z_first * y_first, z_first * x_first - z * x, 0.0, 0.0, 0.0, t[2]])
-    return log_sd**2 * np.outer(error, error)
+    error, squared = np.zeros(6), t[0] * t[0] + t[1] * t[1] + t[2] * t[2]
+    error[0] = t[2] * t[1] / squared - first_ray[2] * first_ray[1]
+    error[1] = first_ray[2] * first_ray[0] - t[2] * t[0] / squared
+    error[5] = t[2]
+    out = np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            out[i, j] = log_sd * log_sd * error[i] * error[j]
+    return out
 
 
 def frame_variance(d2: float, seen: float) -> float:
