@@ -39,11 +39,8 @@ class StatePrior:
 
     def prediction(self, pose: Pose, last: Pose) -> Prediction:
         """The prediction of a pose by the last one alone, without a measured motion."""
-        (x, y, z), (x0, y0, z0) = (
-            pose.seen_from.tolist(),
-            self.seen_from.tolist(),
-        )  # for three numbers faster than NumPy
-        cosine: float = x * x0 + y * y0 + z * z0
+        (x, y, z), (x0, y0, z0) = pose.seen_from.tolist(), self.seen_from.tolist()
+        cosine: float = x * x0 + y * y0 + z * z0  # of three numbers, faster than by NumPy
         return Prediction(pose, self.information, last, max(1 - cosine * cosine, 0.0))
 
     def arrays(self, predicted: Prediction) -> PriorArrays:

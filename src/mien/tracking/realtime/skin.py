@@ -222,7 +222,8 @@ def _sliding_likeness(image: Any, person: Any, skins: Any, pose: Any, view: Any,
     _, height, width = templates.shape
     rows, columns, stride = shape[0] - height + 1, shape[1] - width + 1, shape[1]
     out, shown = np.zeros((rows, columns)), np.empty(shape[0] * stride, np.float32)
-    in_rows = shown.size - width + 1  # rows behind each other, and with them some places beyond their ends
+    # Row behind row, as if the lattice were one long row: at some places the template reaches over the end of a row.
+    in_rows = shown.size - width + 1
     places = in_rows - stride * (height - 1)
     for side in range(2):
         _look(image, person, skins[side], pose, skins[side][-1], view, shown)
