@@ -119,7 +119,7 @@ class MouthSearch:
         but the less, the further the head has turned, or the mouth has opened, as both change how they look."""
         s, pose = self.settings, best.pose
         open_by = max(float(pose.animation[JAW_DROP] - self.prior.rest[JAW_DROP]), 0.0)
-        trust = 1 / (1 + predicted.turned(s.corner_turn_deg)) / (1 + (open_by / s.corner_jaw) ** 2)
+        trust = predicted.trust(s.corner_turn_deg) / (1 + (open_by / s.corner_jaw) ** 2)
         information = self.held.copy()
         information[6:, 6:] += predicted.information[6:, 6:]
         start = pose.with_animation(np.where(_MOVES_CORNERS, predicted.pose.animation, pose.animation))

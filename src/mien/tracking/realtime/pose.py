@@ -115,3 +115,8 @@ class Prediction:
     def turned(self, degrees: float) -> float:
         """How far the head has turned from the first frame: the squared sine of that, over the one of some degrees."""
         return self.squared_sine / math.sin(math.radians(degrees)) ** 2
+
+    def trust(self, degrees: float) -> float:
+        """Which share counts of what the first frame shows: the further the head has turned, the more it looks
+        otherwise by that, and a half after some degrees."""
+        return 1 / (1 + self.turned(degrees))

@@ -62,7 +62,7 @@ UPPER_LIP = _region(
 """The border of the upper lip, and the skin above it, as far as the nose."""
 
 _LEAST_CONTRAST = 1e-6
-"""Squared grey values: added to sums of such, so that skin without any contrast is like nothing."""
+"""Squared grey values: added to sums of such, or the least of them, so that skin without contrast is like nothing."""
 _SPACING = 0.022
 """CANDIDE units between the points of a lattice of `SlidingRegion`."""
 
@@ -236,7 +236,7 @@ def _sliding_likeness(image: Any, person: Any, skins: Any, pose: Any, view: Any,
                 _add_product(templates[side, i, j], shown[i * stride + j :], product)
         for r in range(rows):
             for k in range(columns):
-                first, second = np.float32(0.0), np.float32(_LEAST_CONTRAST)
+                first, second = np.float32(0.0), np.float32(0.0)
                 for i in range(height):
                     first += total[(r + i) * stride + k]
                     second += squared[(r + i) * stride + k]

@@ -75,33 +75,33 @@ class SkinSearch:
         seen. Lips that bare the teeth look strange wherever they are, brows often do, and what was measured of their
         motion is drawn back to rest."""
         skins: list[_Likeness] = []
-        pose = predicted.pose
         if not self.person.is_masked:
-            trust = _trust(predicted, self.settings.turn_deg)
-            skins += [self._upper_lip(view, pose, trust), *self._corners(view, pose, trust)]
+            skins += [self._upper_lip(view, predicted), *self._corners(view, predicted)]
         if not (self.person.worn & self.person.brows).any():
             skins += self._brows(view, predicted)
         information, gradient = predicted.information.copy(), np.zeros(STATE_SIZE)
-        animation, rest, gain = pose.animation.copy(), self.prior.rest, self.settings.gain
-        if not any([_add_skin(tuple(skin), rest, gain, animation, information, gradient) for skin in skins]):
+        animation, rest, gain = predicted.pose.animation.copy(), self.prior.rest, self.settings.gain
+        found = [_add_skin(tuple(skin), rest, gain, animation, information, gradient) for skin in skins]
+        if not any(found):
             return predicted
-        pose = pose.with_animation(animation).moved(solve_positive(information.copy(), gradient))
+        pose = predicted.pose.with_animation(animation).moved(solve_positive(information.copy(), gradient))
         return predicted.improved(pose, information)
 
-    def _upper_lip(self, view: View, pose: Pose, trust: float) -> _Likeness:
-        s, unit = self.settings, UPPER_LIP.unit
+    def _upper_lip(self, view: View, predicted: Prediction) -> _Likeness:
+        s, pose, unit = self.settings, predicted.pose, UPPER_LIP.unit
         lips = float(self.prior.rest[unit]) + _LIPS
         likeness = self.upper_lip.likeness(view.image, self.person.arrays, pose.arrays, view.geometry, lips)
-        return _Likeness(_RAISES, _LIPS, likeness, s.energy, s.least, trust)
+        return _Likeness(_RAISES, _LIPS, likeness, s.energy, s.least, predicted.trust(s.turn_deg))
 
-    def _corners(self, view: View, pose: Pose, trust: float) -> list[_Likeness]:
+    def _corners(self, view: View, predicted: Prediction) -> list[_Likeness]:
         """How far out they are, if they are found; how far down they are does not say that."""
         if not self.may_widen:
             return []
-        s, likeness = self.settings, self._looked_for(self.corners, view, pose)
+        s, likeness = self.settings, self._looked_for(self.corners, view, predicted.pose)
         row = int(likeness.argmax()) // likeness.shape[1]
         if not 0 < row < len(likeness) - 1:
             return []
+        trust = predicted.trust(s.turn_deg)
         return [_Likeness(self.widening, self.corners.outwards, likeness[row], s.corner_energy, s.least, trust)]
 
     def _brows(self, view: View, predicted: Prediction) -> list[_Likeness]:
@@ -111,18 +111,12 @@ class SkinSearch:
             return []
         s, likeness = self.settings, self._looked_for(self.brows, view, predicted.pose)
         along = likeness[:, int(likeness.argmax()) % likeness.shape[1]].copy()
-        trust = _trust(predicted, s.brow_turn_deg)
+        trust = predicted.trust(s.brow_turn_deg)
         variance = _variance_along(predicted.information, predicted.pose.arrays[0], self.brow_step)
         return [_Likeness(self.lowering, self.brows.down, along, s.energy, s.brow_least, trust, variance)]
 
     def _looked_for(self, skin: SlidingSkin, view: View, pose: Pose) -> Array:
         return skin.likeness(view.image, self.person.arrays, pose.arrays, view.geometry)
-
-
-def _trust(predicted: Prediction, degrees: float) -> float:
-    """Which share counts of what skin says: the further a head has turned, the more it looks otherwise by that, and the
-    half after some degrees."""
-    return 1 / (1 + predicted.turned(degrees))
 
 
 @kernel()
