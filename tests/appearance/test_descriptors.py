@@ -13,6 +13,7 @@ from mien.appearance.descriptors import (
     LENGTH,
     ORIENTATIONS,
     describe,
+    describe_into,
     describe_with_jacobian,
     describe_with_opencv,
     orientation_maps,
@@ -118,6 +119,46 @@ def test_jacobian_against_differences(cell: int, root: float) -> None:
         error = np.linalg.norm(J[:, axis] - difference, axis=1) / np.linalg.norm(difference, axis=1)
         assert np.median(error) < 0.005
         assert error.max() < 0.2
+
+
+def _stretched(maps: Float32, points: Array, still: Array, follows: Array) -> tuple[Float32, Float32]:
+    """Descriptors (n, 128), and their derivative (n, 2, 128), where each cell follows a share of what moves its
+    point."""
+    value, J = np.empty((len(points), LENGTH), np.float32), np.empty((len(points), 2, LENGTH), np.float32)
+    describe_into(maps, points, (4, 0.01, 0.0, 1.0), value, J, (still, follows))
+    return value, J
+
+
+def test_cells_that_follow_a_part_of_the_motion_see_a_stretched_image_as_it_was() -> None:
+    """A point is moved, and what is beside it the less, the further away it is, up to 20 pixels."""
+    image, still, there = _smooth(), np.array([[40.0, 40.0]]), np.array([[43.0, 40.0]])
+    v, u = np.mgrid[:80, :80].astype(np.float32)
+    source = u
+    for _ in range(20):  # a point of the stretched image comes from where it is, less how far that was moved
+        source = u - 3 * np.clip(1 - np.abs(source - 40) / 20, 0, 1)
+    after = cv2.remap(image, source, v, cv2.INTER_CUBIC)
+    right = np.tile(4 * (np.arange(4) - 1.5), 4)
+    follows = (1 - np.abs(right) / 20)[None]
+    expected = describe(orientation_maps(image, 4), still, 4, 0.01)
+    seen = orientation_maps(after, 4)
+    rigid = describe(seen, there, 4, 0.01)
+    stretched, _ = _stretched(seen, there, still, follows)
+    errors = [np.linalg.norm(value - expected) for value in (rigid, stretched)]
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_jacobian_of_cells_that_follow_against_differences() -> None:
+    maps, rng = orientation_maps(_smooth(), 4), np.random.default_rng(2)
+    points, still = rng.uniform(25, 55, (2, 40, 2))
+    follows, step = rng.uniform(0, 1, (40, 16)), 0.01
+    still = points + 0.1 * (still - points)
+    _, J = _stretched(maps, points, still, follows)
+    for axis in range(2):
+        shift = step * np.eye(2)[axis]
+        ahead, behind = (_stretched(maps, points + sign * shift, still, follows)[0] for sign in (1, -1))
+        difference = (ahead - behind) / (2 * step)
+        error = np.linalg.norm(J[:, axis] - difference, axis=1) / np.linalg.norm(difference, axis=1)
+        assert np.median(error) < 0.01
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(0.5, 0), (1.6, 0), (1, 40), (0.4, 90)])

@@ -27,6 +27,7 @@ from mien.arrays import Array, Float32
 from mien.compiled import kernel
 
 LENGTH = 128
+CELLS = 16
 ORIENTATIONS = 8
 
 
@@ -58,7 +59,7 @@ def describe(
     """Descriptors of unit length (n, 128) at image points (n, 2). angle: that for which the maps were made; scale: of
     the grid, beside the cell that they were smoothed for."""
     out = np.empty((len(points), LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, angle, scale), out, None)
+    describe_into(maps, points, (cell, root, angle, scale), out, None, None)
     return out
 
 
@@ -66,7 +67,7 @@ def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float 
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J)
+    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J, None)
     return out, J
 
 
@@ -174,9 +175,10 @@ def _cell_weight(i: int, j: int) -> Any:
 
 
 @kernel()
-def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> None:
+def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any, stretch: Any) -> None:
     """Descriptors (n, 128) into out, and their derivative into J (n, 2, 128), or None if it is not wanted. sampling:
-    cell, root, angle and scale as of `describe`."""
+    cell, root, angle and scale as of `describe`. stretch: where the points (n, 2) would be if nothing had moved, and
+    which share (n, 16) each cell follows of what moves its point; None where all follow it entirely."""
     height, width = maps.shape[0], maps.shape[1]
     cell, root, angle, scale = sampling
     along, across = cell * scale * np.cos(angle), cell * scale * np.sin(angle)
@@ -185,10 +187,16 @@ def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> No
             for j in range(4):
                 x = points[n, 0] + along * (j - 1.5) - across * (i - 1.5)
                 y = points[n, 1] + across * (j - 1.5) + along * (i - 1.5)
+                w = moves = _cell_weight(i, j)
+                if stretch is not None:
+                    still, follows = stretch
+                    share = follows[n, 4 * i + j]
+                    x -= (1.0 - share) * (points[n, 0] - still[n, 0])
+                    y -= (1.0 - share) * (points[n, 1] - still[n, 1])
+                    moves = w * np.float32(share)
                 x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
                 ix, iy = int(x), int(y)
                 fx, fy = np.float32(x - ix), np.float32(y - iy)
-                w = _cell_weight(i, j)
                 gx, gy = np.float32(1.0) - fx, np.float32(1.0) - fy
                 o = 32 * i + 8 * j
                 for k in range(8):
@@ -196,8 +204,8 @@ def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any) -> No
                     c, d = maps[iy + 1, ix, k], maps[iy + 1, ix + 1, k]
                     out[n, o + k] = w * (gy * (gx * a + fx * b) + fy * (gx * c + fx * d))
                     if J is not None:
-                        J[n, 0, o + k] = w * (gy * (b - a) + fy * (d - c))
-                        J[n, 1, o + k] = w * (gx * (c - a) + fx * (d - b))
+                        J[n, 0, o + k] = moves * (gy * (b - a) + fy * (d - c))
+                        J[n, 1, o + k] = moves * (gx * (c - a) + fx * (d - b))
         _normalize(out[n], None if J is None else J[n])
         for i in range(128):
             slope = np.float32(1.0)

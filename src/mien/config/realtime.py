@@ -282,6 +282,9 @@ class MouthSettings(Settings):
     corner_jaw: float = Field(
         0.15, gt=0, description="jaw_drop, more than at rest, at which half of what `corner_tolerance` adds remains"
     )
+    corner_rest: float = Field(
+        0.03, ge=0, description="lip_stretcher, as found and more or less than at rest, of which half is reported"
+    )
 
 
 class RecoverySettings(Settings):

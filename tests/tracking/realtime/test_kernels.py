@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mien.appearance.crop import blurred
-from mien.appearance.descriptors import describe, orientation_maps
+from mien.appearance.descriptors import CELLS, describe, orientation_maps
 from mien.arrays import Array
 from mien.geometry.rotation import FACING, exp
 from mien.tracking.optimizers import Simplex
@@ -63,7 +63,8 @@ class Problem:
 
     @classmethod
     def random(cls, seed: int = 0, precision: float = 1e12) -> Problem:
-        """The appearance is that of the random pose of this seed, so that the minimum lies there."""
+        """The appearance is that of the random pose of this seed, so that the minimum lies there; away from it the
+        skin stretches."""
         rng = np.random.default_rng(seed)
         noise = rng.uniform(0, 255, (150, 150)).astype(np.float32)
         maps = orientation_maps(blurred(noise, 3.0), CELL)
@@ -91,8 +92,8 @@ class Problem:
         active[3] = 0
         sd = np.array([0.09] * 3 + [0.2, 0.2, 0.3] + [0.2] * 6)
         prior = PriorArrays(pose, np.diag(1 / sd**2), np.zeros(6), np.full(6, 1 / 0.4**2))
-        view = (PROJECTION, ray)
-        return cls(PosePosterior(maps, SAMPLING, person, appearance, active, np.full(N, 25.0), prior, view))
+        view, stretch = (PROJECTION, ray), (q, rng.uniform(0.5, 1, (N, CELLS)))
+        return cls(PosePosterior(maps, SAMPLING, person, appearance, active, np.full(N, 25.0), prior, view, stretch))
 
     def but(self, **fields: Array) -> Problem:
         """The same problem with other fields of the posterior."""

@@ -74,6 +74,42 @@ def test_corners_of_the_mouth_that_look_strange_are_followed_without_the_head() 
     assert pytest.approx(hardly.pose.R, abs=1e-3) == further.pose.R
 
 
+def test_skin_stretches_around_the_corners_of_the_mouth() -> None:
+    """They follow themselves, the cells of their descriptors the less, the further away they are; where all cells are
+    taken to follow, less of a motion is found."""
+    stretched, rigid = (begun(opening().frames[0]) for _ in range(2))
+    follows, corners = stretched.mouth.follows, stretched.person.corners
+    assert (follows[~corners] == 1).all()
+    right, left = follows[corners].reshape(2, 4, 4)
+    np.testing.assert_allclose(right, left[:, ::-1], atol=0.02)
+    np.testing.assert_allclose(right, right[::-1], atol=1e-12)
+    assert 0.4 < right.min() < 0.6 < right[1:3].max() < 1
+    rigid.mouth.follows = np.ones_like(follows)
+    widened = []
+    for tracker in (rigid, stretched):
+        tracker.track(moved_unit(STRETCHER, 0.5).frames[1])
+        widened.append(float((tracker.pose.animation - tracker.first_animation)[STRETCHER]))
+    assert widened[0] < widened[1] < 0.55
+
+
+def test_a_mouth_that_hardly_stretches_is_reported_as_at_rest() -> None:
+    """A half of what is as far from rest as the setting says; and it does not come nearer to rest from frame to
+    frame."""
+    sequence, reported = moved_unit(STRETCHER, 0.3), []
+    for rest in (0.0, 0.1, 1.0):
+        tracker = begun(sequence.frames[0], RealtimeSettings(mouth={"corner_rest": rest}))
+        for _ in range(2):
+            tracker.track(sequence.frames[1])
+        reported.append(float((tracker.pose.animation - tracker.prior.rest)[STRETCHER]))
+        for _ in range(3):
+            tracker.track(sequence.frames[1])
+        again = float((tracker.pose.animation - tracker.prior.rest)[STRETCHER])
+        assert again == pytest.approx(reported[-1], rel=0.2)
+    found = reported[0]
+    assert reported[1] == pytest.approx(found / (1 + (0.1 / found) ** 2), rel=0.15)
+    assert abs(reported[2]) < 0.2 * found
+
+
 @pytest.mark.parametrize("is_visible", [False, True])
 def test_only_corners_that_were_visible_are_found_again(is_visible: bool) -> None:
     tracker, frame = begun(opening().frames[0]), moved_unit(STRETCHER, 0.5).frames[1]
@@ -90,7 +126,7 @@ def test_some_landmarks_alone_are_found_as_in_a_view_of_these(tolerance: float) 
     solver, mouth = tracker.solver, tracker.person.mouth
     predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
     view, best = solver.refine(frame, predicted)
-    alone = solver.alone(mouth, best, predicted, tolerance)
+    alone = solver.alone(mouth, best, predicted, tolerance, solver.rigid)
     tracker.person.tolerance = tolerance * tracker.person.tolerance
     expected = solver.solve(view.of_landmarks(mouth), best.pose, predicted).pose
     for name in ("R", "t", "animation"):

@@ -66,6 +66,7 @@ def _single(dimensions: int) -> NDArray[Any]:
 _POSE = _array(2), _array(1), _array(1)
 _PERSON = _array(2), _array(3)
 _VIEW = _array(2), _array(2)
+_STRETCH = _array(2), _array(2)
 _SKIN = _array(2), _array(1), 0, 0, 0.0
 _PRIOR = PriorArrays(_POSE, _array(2), _array(1), _array(1))
 _APPEARANCE = AppearanceArrays(
@@ -73,7 +74,9 @@ _APPEARANCE = AppearanceArrays(
     trust=_single(1), limit=_array(1), variance=_array(2),
 )  # fmt: skip
 _SAMPLING = (1, 0.0, 0.0, 0.0)
-_PROBLEM = PosePosterior(_single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW).plain
+_PROBLEM = PosePosterior(
+    _single(3), _SAMPLING, _PERSON, _APPEARANCE, _array(1), _array(1), _PRIOR, _VIEW, _STRETCH
+).plain
 _TEMPLATE = Template(_single(2), _array(1), _single(3), _array(3), _array(3))
 _PATCHES = (_single(2), _array(1), _array(1))
 _SEEN = _array(1, np.bool_)
@@ -84,7 +87,7 @@ Kernel = tuple[Any, tuple[Any, ...]]
 POLYNOMIAL: Kernel = kernels.polynomial, (0.0, 0.0, _array(1))
 SOLVE: Kernel = kernels.solve, (_POSE, _PROBLEM, 1, 0.0, kernels.workspace(1))
 _KERNELS: tuple[Kernel, ...] = (
-    (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3))),
+    (descriptors.describe_into, (_single(3), _array(2), _SAMPLING, _single(2), _single(3), _STRETCH)),
     POLYNOMIAL,
     (pose_geometry.sight_of, (_array(1), _array(2), _array(1))),
     SOLVE,
@@ -119,6 +122,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (crop.is_blank, (_single(2),)),
     (patch_history._follow, (_array(1), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
+    (pose_geometry.points_in_crop, (_PERSON, _POSE, _VIEW)),
     (pose_geometry.step_back, (_POSE, _array(1))),
     (pose_geometry.step_between, (*_POSE, *_POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _CLOSING, _array(1))),

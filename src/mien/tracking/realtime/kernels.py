@@ -100,15 +100,18 @@ def polynomial(tilt: float, pan: float, limit: Any) -> Any:
 
 
 @kernel()
-def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms: Any, active: Any, at: Any) -> None:
+def linearize_landmarks(
+    maps: Any, sampling: Any, q: Any, stretch: Any, appearance: Any, terms: Any, active: Any, at: Any
+) -> None:
     """Squared distance of every active landmark at q (n, 2), and its derivatives by [u, v, tilt, pan] of the crop.
 
     Fills residual, M, g and d2 of a `Linearization`, in the metric `trust (I inverse_floor + U^T diag(gain) U)`; d2
-    without its learned rows: how strange a landmark looks is judged by the views alone. terms (3, 15): see
-    `polynomial`.
+    without its learned rows: how strange a landmark looks is judged by the views alone. stretch: see
+    `descriptors.describe_into`; terms (3, 15): see `polynomial`.
     """
     coefficients, offset, U, gain, learned, inverse_floor, trust, _, _ = appearance
     residuals, M, g, d2, _, _, _, _ = at
+    still, follows = stretch
     n, rank = q.shape[0], U.shape[1]
     J = np.empty((1, 2, 128), np.float32)
     D = np.empty((5, 128), np.float32)  # residual, then its derivatives by u, v, tilt, pan
@@ -117,7 +120,7 @@ def linearize_landmarks(maps: Any, sampling: Any, q: Any, appearance: Any, terms
     for i in range(n):
         if active[i] <= 0.0:
             continue
-        describe_into(maps, q[i : i + 1], sampling, D[:1], J)
+        describe_into(maps, q[i : i + 1], sampling, D[:1], J, (still[i : i + 1], follows[i : i + 1]))
         for c in range(128):
             residual[c] -= offset[i, c]
             by_u[c] = J[0, 0, c]
@@ -197,7 +200,7 @@ def add_landmark(M: Any, g: Any, B: Any, w: float, H: Any, G: Any) -> Any:
 @kernel(inline="always")  # only `solve` calls it: compiled within it, and not on its own before
 def evaluate(pose: Any, problem: Any, at: Any) -> Any:
     """Eq. (9), a `PosePosterior`, at a pose: returns the robust energy, and fills a `Linearization`."""
-    maps, sampling, person, appearance, active, scale, prior, view = problem
+    maps, sampling, person, appearance, active, scale, prior, view, stretch = problem
     _, _, _, _, _, _, _, limit, variance = appearance
     ray = view[1]
     q, J = project(person, pose, view)
@@ -207,7 +210,7 @@ def evaluate(pose: Any, problem: Any, at: Any) -> Any:
         for r in range(3):
             J_angles[k, r] = by_ray[k, 0] * ray[r, 0] + by_ray[k, 1] * ray[r, 1] + by_ray[k, 2] * ray[r, 2]
     terms = polynomial(tilt, pan, limit)
-    linearize_landmarks(maps, sampling, q, appearance, terms, active, at)
+    linearize_landmarks(maps, sampling, q, stretch, appearance, terms, active, at)
     _, M, g, d2, B, w, H, G = at
     energy = linearize_prior(pose, prior, H, G)
     for i in range(q.shape[0]):

@@ -11,7 +11,7 @@ from mien.arrays import Array, Float32
 from mien.tracking.optimizers import Minimum
 from mien.tracking.realtime import kernels
 from mien.tracking.realtime.kernels import AppearanceArrays, Linearization, PriorArrays
-from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, ViewArrays
+from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, StretchArrays, ViewArrays
 from mien.tracking.state import pack, unpack
 
 
@@ -30,7 +30,8 @@ class PosePosterior(NamedTuple):
 
     maps (H, W, 8) and sampling: orientation maps, and how descriptors are sampled from them, see
     `descriptors.describe`; active (n,): 1 for landmarks that take part, 0 for those that are not looked at, and next to
-    0 for those that are but take no part; scale (n,): squared distances at which a weight is a quarter.
+    0 for those that are but take no part; scale (n,): squared distances at which a weight is a quarter; stretch: how
+    the face stretches around each landmark.
     """
 
     maps: Float32
@@ -41,6 +42,7 @@ class PosePosterior(NamedTuple):
     scale: Array
     prior: PriorArrays
     view: ViewArrays
+    stretch: StretchArrays
 
     def energy(self, b: Array) -> float:
         """Energy of a state b (12,), Eq. (2)."""
@@ -57,8 +59,8 @@ class PosePosterior(NamedTuple):
     @property
     def plain(self) -> tuple[Any, ...]:
         """The posterior as the kernels take it."""
-        maps, sampling, person, appearance, active, scale, prior, view = self
-        return maps, sampling, person, tuple(appearance), active, scale, tuple(prior), view
+        maps, sampling, person, appearance, active, scale, prior, view, stretch = self
+        return maps, sampling, person, tuple(appearance), active, scale, tuple(prior), view, stretch
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mien.appearance.crop import is_blank
+from mien.appearance.descriptors import CELLS
 from mien.appearance.face_camera import FaceCamera
 from mien.arrays import Array, Mask
 from mien.config import RealtimeSettings
@@ -18,6 +19,7 @@ from mien.tracking.realtime.kernels import AppearanceArrays
 from mien.tracking.realtime.level import Level
 from mien.tracking.realtime.person import Person
 from mien.tracking.realtime.pose import Pose, Prediction
+from mien.tracking.realtime.pose_geometry import StretchArrays
 from mien.tracking.realtime.posterior import LowestPoint, PosePosterior
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Solution, View
@@ -31,6 +33,8 @@ class PoseSolver:
         self.camera, self.camera_vector = camera, camera.vector
         self.prior = prior
         self.settings = settings
+        n = len(person.units[0])
+        self.rigid: StretchArrays = np.zeros((n, 2)), np.ones((n, CELLS))
 
     def refine(
         self, frame: Frame, predicted: Prediction, start: Pose | None = None, view: View | None = None
@@ -99,11 +103,15 @@ class PoseSolver:
         expected, noise, most = self.person.expected.copy(), view.level.noise, self.settings.recovery.seen_distance
         return Solution(Pose(*found.pose), found.energy, found.at, posterior, view.facing, expected, noise, most)
 
-    def alone(self, landmarks: Mask, found: Solution, predicted: Prediction, tolerance: float) -> Pose:
+    def alone(
+        self, landmarks: Mask, found: Solution, predicted: Prediction, tolerance: float, stretch: StretchArrays
+    ) -> Pose:
         """The pose that minimises what a solution did by these of its landmarks (n,) alone, about another prediction.
-        tolerance: factor of the squared distances at which their weights are a quarter."""
+        tolerance: factor of the squared distances at which their weights are a quarter; stretch: of the skin."""
         active, scale, prior = found.posterior.active, found.posterior.scale, self.prior.arrays(predicted)
-        posterior = found.posterior._replace(active=active * landmarks, scale=tolerance * scale, prior=prior)
+        posterior = found.posterior._replace(
+            active=active * landmarks, scale=tolerance * scale, prior=prior, stretch=stretch
+        )
         return Pose(*self._lowest(posterior, found.pose).pose)
 
     def _lowest(self, posterior: PosePosterior, start: Pose) -> LowestPoint:
@@ -137,6 +145,7 @@ class PoseSolver:
             scale=person.tolerance * person.expected,
             prior=self.prior.arrays(predicted),
             view=view.geometry,
+            stretch=self.rigid,
         )
 
     def _fits(self, view: View, pose: Pose) -> bool:
