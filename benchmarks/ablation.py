@@ -199,7 +199,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "last pose counts for nothing where little is seen": _set("hold", share=0),
     "no coarse search": _set("solver", retry_distance=1e9),
     "no jaw search": _set("mouth", jaw_distance=1e9),
-    "corners of the mouth may look no stranger alone": _set("mouth", corner_tolerance=1),
+    "corners and brows may look no stranger alone": _set("features", tolerance=1),
     "skin says nothing of lips and brows": _set("skin", energy=0, corner_energy=0),
     "skin says nothing of brows": _set("skin", brow_least=1),
     "no loss, no recovery": _set("recovery", least_share=0),

@@ -249,7 +249,7 @@ class SkinSettings(Settings):
 
 
 class MouthSettings(Settings):
-    """When other mouths are tried than the one that was found, and how its corners are found again."""
+    """When other mouths are tried than the one that was found."""
 
     jaw_distance: float = Field(
         3.5, gt=0, description="relative distance of lower lip and chin above which other jaw positions are tried"
@@ -271,18 +271,19 @@ class MouthSettings(Settings):
     )
     interval: int = Field(5, ge=2, description="frames between trials of the mouth at rest")
     moved: float = Field(0.1, gt=0, description="animation above which the mouth is tried at rest")
-    corner_tolerance: float = Field(
-        8.0,
-        ge=1,
-        description="`robust_factor` multiplier for the corners of the mouth, which are found again with the head held",
+
+
+class FeatureSettings(Settings):
+    """How corners of the mouth and brows are found again, with all else held."""
+
+    tolerance: float = Field(8.0, ge=1, description="`robust_factor` multiplier for these landmarks")
+    turn_deg: float = Field(
+        8.0, gt=0, description="rotation of the head at which half of what `tolerance` adds remains"
     )
-    corner_turn_deg: float = Field(
-        8.0, gt=0, description="rotation of the head at which half of what `corner_tolerance` adds remains"
+    jaw: float = Field(
+        0.15, gt=0, description="jaw_drop, more than at rest, at which that is so for the corners of the mouth"
     )
-    corner_jaw: float = Field(
-        0.15, gt=0, description="jaw_drop, more than at rest, at which half of what `corner_tolerance` adds remains"
-    )
-    corner_rest: float = Field(
+    rest: float = Field(
         0.03, ge=0, description="lip_stretcher, as found and more or less than at rest, of which half is reported"
     )
 
@@ -385,6 +386,7 @@ class RealtimeSettings(Settings):
     hold: HoldSettings = HoldSettings()
     skin: SkinSettings = SkinSettings()
     mouth: MouthSettings = MouthSettings()
+    features: FeatureSettings = FeatureSettings()
     recovery: RecoverySettings = RecoverySettings()
     shape: ShapeSettings = ShapeSettings()
     axes: AxesSettings = AxesSettings()

@@ -104,10 +104,10 @@ class PoseSolver:
         return Solution(Pose(*found.pose), found.energy, found.at, posterior, view.facing, expected, noise, most)
 
     def alone(
-        self, landmarks: Mask, found: Solution, predicted: Prediction, tolerance: float, stretch: StretchArrays
+        self, landmarks: Mask, found: Solution, predicted: Prediction, tolerance: Array, stretch: StretchArrays
     ) -> Pose:
         """The pose that minimises what a solution did by these of its landmarks (n,) alone, about another prediction.
-        tolerance: factor of the squared distances at which their weights are a quarter; stretch: of the skin."""
+        tolerance: factor (n,) of the squared distances at which weights are a quarter; stretch: of the skin."""
         active, scale, prior = found.posterior.active, found.posterior.scale, self.prior.arrays(predicted)
         posterior = found.posterior._replace(
             active=active * landmarks, scale=tolerance * scale, prior=prior, stretch=stretch

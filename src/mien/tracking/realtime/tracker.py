@@ -26,6 +26,7 @@ from mien.tracking.prior import state_sd
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.axes import HeadAxes
 from mien.tracking.realtime.definite import solve_definite
+from mien.tracking.realtime.features import FeatureSearch
 from mien.tracking.realtime.first_run import BackgroundCompilation, load_cached
 from mien.tracking.realtime.identity import FAMILIAR, Identity, familiarity
 from mien.tracking.realtime.motion import Motion
@@ -151,6 +152,7 @@ class RealtimeTracker:
         self.prior.seen_from, self.first_animation = self.pose.seen_from, self.pose.animation
         self.skin = SkinSearch(self.person, self.prior, view, self.pose, self.settings.skin)
         self.mouth = MouthSearch(self.person, self.solver, self.prior, view, self.pose, self.settings.mouth)
+        self.features = FeatureSearch(self.person, self.solver, self.prior, self.settings.features)
         self._remember(frame, view, solution)
         self.closing, self.learned_veiled = self.person.closing(solution), self.veiled.all
         if self.learned_veiled:
@@ -316,7 +318,8 @@ class RealtimeTracker:
         self.closing = self.person.closing(best, self.closing)
         if self._eyes_are_shut and not self.lost_frames and not self.solver.misfits(best):
             view, best, moved = self._without_eyes(view, predicted)
-        best = self.mouth.search(view, best, moved, self.visible)
+        best = self.mouth.search(view, best, moved)
+        best = self.features.search(view, best, moved, self.visible, not self.mouth.is_put_back)
         return view, best if self.lost_frames else self._damp(predicted.pose, best)
 
     @property
