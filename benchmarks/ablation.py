@@ -138,6 +138,15 @@ class Unmoved(RealtimeTracker):
         return predicted
 
 
+class Rigid(RealtimeTracker):
+    """The skin around corners of the mouth and brows follows them entirely."""
+
+    def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
+        estimate = super().initialize(frame, landmarks, camera)
+        self.features.follows = np.ones_like(self.features.follows)
+        return estimate
+
+
 class _UprightInTheCrop(PoseSolver):
     def solve(self, view: View, start: Pose, predicted: Prediction) -> Solution:
         return super().solve(view.upright_at(view.pose), start, predicted)
@@ -200,6 +209,8 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "no coarse search": _set("solver", retry_distance=1e9),
     "no jaw search": _set("mouth", jaw_distance=1e9),
     "corners and brows may look no stranger alone": _set("features", tolerance=1),
+    "rigid skin around corners and brows": Rigid,
+    "corners of the mouth believed near rest, too": _set("features", rest=0),
     "skin says nothing of lips and brows": _set("skin", energy=0, corner_energy=0),
     "skin says nothing of brows": _set("skin", brow_least=1),
     "no loss, no recovery": _set("recovery", least_share=0),

@@ -59,7 +59,7 @@ def describe(
     """Descriptors of unit length (n, 128) at image points (n, 2). angle: that for which the maps were made; scale: of
     the grid, beside the cell that they were smoothed for."""
     out = np.empty((len(points), LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, angle, scale), out, None, None)
+    describe_into(maps, points, (cell, root, angle, scale), out, None, _rigid(points))
     return out
 
 
@@ -67,8 +67,13 @@ def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float 
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J, None)
+    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J, _rigid(points))
     return out, J
+
+
+def _rigid(points: Array) -> tuple[Array, Array]:
+    """The stretch of `describe_into` around points (n, 2) that all cells follow entirely."""
+    return points, np.ones((len(points), CELLS))
 
 
 def describe_with_opencv(gray: Float32, points: Array, cell: int) -> Float32:
@@ -178,22 +183,20 @@ def _cell_weight(i: int, j: int) -> Any:
 def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any, stretch: Any) -> None:
     """Descriptors (n, 128) into out, and their derivative into J (n, 2, 128), or None if it is not wanted. sampling:
     cell, root, angle and scale as of `describe`. stretch: where the points (n, 2) would be if nothing had moved, and
-    which share (n, 16) each cell follows of what moves its point; None where all follow it entirely."""
+    which share (n, 16) each cell follows of what moves its point."""
     height, width = maps.shape[0], maps.shape[1]
-    cell, root, angle, scale = sampling
+    (cell, root, angle, scale), (still, follows) = sampling, stretch
     along, across = cell * scale * np.cos(angle), cell * scale * np.sin(angle)
     for n in range(points.shape[0]):
         for i in range(4):
             for j in range(4):
                 x = points[n, 0] + along * (j - 1.5) - across * (i - 1.5)
                 y = points[n, 1] + across * (j - 1.5) + along * (i - 1.5)
-                w = moves = _cell_weight(i, j)
-                if stretch is not None:
-                    still, follows = stretch
-                    share = follows[n, 4 * i + j]
-                    x -= (1.0 - share) * (points[n, 0] - still[n, 0])
-                    y -= (1.0 - share) * (points[n, 1] - still[n, 1])
-                    moves = w * np.float32(share)
+                share = follows[n, 4 * i + j]
+                x -= (1.0 - share) * (points[n, 0] - still[n, 0])
+                y -= (1.0 - share) * (points[n, 1] - still[n, 1])
+                w = _cell_weight(i, j)
+                moves = w * np.float32(share)
                 x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
                 ix, iy = int(x), int(y)
                 fx, fy = np.float32(x - ix), np.float32(y - iy)

@@ -284,7 +284,9 @@ class FeatureSettings(Settings):
         0.15, gt=0, description="jaw_drop, more than at rest, at which that is so for the corners of the mouth"
     )
     rest: float = Field(
-        0.03, ge=0, description="lip_stretcher, as found and more or less than at rest, of which half is reported"
+        0.025,
+        ge=0,
+        description="distance from rest of what moves the corners of the mouth of which half is reported",
     )
 
 

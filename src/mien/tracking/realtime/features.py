@@ -21,7 +21,6 @@ from mien.tracking.realtime.solver import PoseSolver
 
 _VISIBLE = 0.5
 """How far all landmarks of a feature have to have been visible for it to be found again."""
-_STRETCHER = TRACKED_UNITS.index("lip_stretcher")
 _CORNER_OUTWARDS, _CORNER_ABOVE = 0.6, 0.4
 """CANDIDE units from a corner of the mouth, outwards and both upwards and downwards, at which skin does not follow it
 any more; on the side of the mouth that is the middle of the lips."""
@@ -42,7 +41,7 @@ class FeatureSearch:
     """Finds the corners of the mouth and the brows again.
 
     Where they move they look strange, and hardly count beside the rest of the head. Alone, where they cannot lead that
-    astray, they may look stranger. follows: (n, 16) see `StretchArrays`; withheld: how much less of lip_stretcher was
+    astray, they may look stranger. follows: (n, 16) see `StretchArrays`; withheld: (6,) how much less of each unit was
     reported in the last frame than was found.
     """
 
@@ -54,12 +53,12 @@ class FeatureSearch:
         self.brows = _Features(person.brows, brows, holding_all_but(brows))
         self.both = _Features(person.corners | person.brows, corners | brows, holding_all_but(corners | brows))
         self.follows = _following(person)
-        self.withheld = 0.0
+        self.withheld = np.zeros(len(TRACKED_UNITS))
 
     def search(self, view: View, best: Solution, predicted: Prediction, visible: Array, corners: bool) -> Solution:
         """A solution whose corners and brows are found alone, if they can be seen. visible: (n,) how far each landmark
         was in the last frame; corners: whether these are looked for, too."""
-        withheld, self.withheld = self.withheld, 0.0
+        withheld, self.withheld = self.withheld, np.zeros_like(self.withheld)
         if self.solver.misfits(best):
             return best
         seen = view.facing & (visible >= _VISIBLE) & ~self.person.worn
@@ -70,9 +69,7 @@ class FeatureSearch:
         landmarks, free, held = self.both if corners and brows else self.corners if corners else self.brows
         pose, information = best.pose, held.copy()
         information[6:, 6:] += predicted.information[6:, 6:]
-        start = pose.with_animation(np.where(free, predicted.pose.animation, pose.animation))
-        if corners:
-            start = start.with_unit(_STRETCHER, float(start.animation[_STRETCHER]) + withheld)
+        start = pose.with_animation(np.where(free, predicted.pose.animation + withheld, pose.animation))
         at_rest = pose.with_animation(np.where(free, self.prior.rest, pose.animation))
         alone = self.solver.alone(
             landmarks,
@@ -81,13 +78,9 @@ class FeatureSearch:
             self._tolerance(best, predicted),
             (points_in_crop(self.person.arrays, at_rest.arrays, best.posterior.view), self.follows),
         )
-        moved = pose.with_animation(alone.animation)
-        if not corners:
-            return best.with_pose(moved)
-        found = float(alone.animation[_STRETCHER])
-        reported = self._reported(found)
-        self.withheld = found - reported
-        return best.with_pose(moved.with_unit(_STRETCHER, reported))
+        if corners:
+            self.withheld = self._feigned(alone.animation)
+        return best.with_pose(pose.with_animation(alone.animation - self.withheld))
 
     def _tolerance(self, best: Solution, predicted: Prediction) -> Array:
         """Factor (n,) of the squared distances at which weights are a quarter: the less, the further the head has
@@ -97,11 +90,12 @@ class FeatureSearch:
         added = (s.tolerance - 1) * predicted.trust(s.turn_deg)
         return np.where(self.person.corners, 1 + added / (1 + (open_by / s.jaw) ** 2), 1 + added)
 
-    def _reported(self, stretcher: float) -> float:
-        """lip_stretcher as it is reported: less near rest, where most of it is feigned by turns and light."""
-        rest = float(self.prior.rest[_STRETCHER])
-        away = stretcher - rest
-        return rest + away / (1 + (self.settings.rest / max(abs(away), 1e-9)) ** 2)
+    def _feigned(self, animation: Array) -> Array:
+        """How much (6,) of the units that move the corners is not believed: most of what is found near rest, where
+        turns and light feign as much."""
+        away = np.where(self.corners.units, animation - self.prior.rest, 0.0)
+        square = max(self.settings.rest**2, 1e-12)
+        return np.asarray(away * square / (away * away + square))
 
 
 def _following(person: Person) -> Array:
