@@ -30,6 +30,15 @@ LENGTH = 128
 CELLS = 16
 ORIENTATIONS = 8
 
+StretchArrays = tuple[Array, Array]
+"""How what is seen around n points stretches where these move: where they would be if they had not (n, 2), and which
+share (n, 16) of their motion each cell of their descriptors follows."""
+
+
+def rigid(n: int) -> StretchArrays:
+    """The stretch around n points whose cells follow them entirely, wherever they have been."""
+    return np.zeros((n, 2)), np.ones((n, CELLS))
+
 
 def orientation_maps(gray: Float32, cell: int, angle: float = 0.0) -> Float32:
     """Gradient magnitude by orientation, smoothed by a triangle of half width `cell`: (H, W) -> (H, W, 8).
@@ -59,7 +68,7 @@ def describe(
     """Descriptors of unit length (n, 128) at image points (n, 2). angle: that for which the maps were made; scale: of
     the grid, beside the cell that they were smoothed for."""
     out = np.empty((len(points), LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, angle, scale), out, None, _rigid(points))
+    describe_into(maps, points, (cell, root, angle, scale), out, None, rigid(len(points)))
     return out
 
 
@@ -67,13 +76,8 @@ def describe_with_jacobian(maps: Float32, points: Array, cell: int, root: float 
     """Descriptors (n, 128) and their derivative by the image point (n, 2, 128)."""
     out = np.empty((len(points), LENGTH), np.float32)
     J = np.empty((len(points), 2, LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J, _rigid(points))
+    describe_into(maps, points, (cell, root, 0.0, 1.0), out, J, rigid(len(points)))
     return out, J
-
-
-def _rigid(points: Array) -> tuple[Array, Array]:
-    """The stretch of `describe_into` around points (n, 2) that all cells follow entirely."""
-    return points, np.ones((len(points), CELLS))
 
 
 def describe_with_opencv(gray: Float32, points: Array, cell: int) -> Float32:
@@ -182,8 +186,7 @@ def _cell_weight(i: int, j: int) -> Any:
 @kernel()
 def describe_into(maps: Any, points: Any, sampling: Any, out: Any, J: Any, stretch: Any) -> None:
     """Descriptors (n, 128) into out, and their derivative into J (n, 2, 128), or None if it is not wanted. sampling:
-    cell, root, angle and scale as of `describe`. stretch: where the points (n, 2) would be if nothing had moved, and
-    which share (n, 16) each cell follows of what moves its point."""
+    cell, root, angle and scale as of `describe`; stretch: see `StretchArrays`."""
     height, width = maps.shape[0], maps.shape[1]
     (cell, root, angle, scale), (still, follows) = sampling, stretch
     along, across = cell * scale * np.cos(angle), cell * scale * np.sin(angle)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mien.arrays import Array
 from mien.candide.model import TRACKED_UNITS
 from mien.config import RealtimeSettings
 from mien.synthetic import SyntheticSequence
@@ -75,22 +76,23 @@ def test_a_mouth_that_hardly_stretches_is_reported_as_at_rest() -> None:
     assert abs(reported[2]) < 0.2 * found
 
 
+def _found_again(visible: bool, corners: bool) -> Array:
+    """How a search changes the animation (6,) that was found in a frame in which a mouth has widened."""
+    tracker = begun(widening().frames[0])
+    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
+    view, best = tracker.solver.refine(widening().frames[1], predicted)
+    found = tracker.features.search(view, best, predicted, np.full(len(view.facing), float(visible)), corners)
+    return found.pose.animation - best.pose.animation
+
+
 @pytest.mark.parametrize("is_visible", [False, True])
 def test_only_corners_that_were_visible_are_found_again(is_visible: bool) -> None:
-    tracker, frame = begun(widening().frames[0]), widening().frames[1]
-    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
-    view, best = tracker.solver.refine(frame, predicted)
-    found = tracker.features.search(view, best, predicted, np.full(len(view.facing), float(is_visible)), True)
-    assert np.array_equal(found.pose.animation, best.pose.animation) is not is_visible
+    assert np.array_equal(_found_again(is_visible, True), np.zeros(6)) is not is_visible
 
 
 @pytest.mark.parametrize("is_put_back", [False, True])
 def test_corners_of_a_mouth_that_was_put_back_to_rest_are_left(is_put_back: bool) -> None:
-    tracker, frame = begun(widening().frames[0]), widening().frames[1]
-    predicted = tracker.prior.prediction(tracker.pose, tracker.pose)
-    view, best = tracker.solver.refine(frame, predicted)
-    found = tracker.features.search(view, best, predicted, np.ones(len(view.facing)), not is_put_back)
-    change = found.pose.animation - best.pose.animation
+    change = _found_again(True, not is_put_back)
     assert bool(abs(change[STRETCHER]) < 1e-6) is is_put_back
 
 

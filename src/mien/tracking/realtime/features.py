@@ -8,13 +8,13 @@ import numpy as np
 
 from mien.appearance.descriptors import CELLS
 from mien.arrays import Array, Mask
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.config.realtime import FeatureSettings
 from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime.motion import holding_all_but
 from mien.tracking.realtime.person import Person
 from mien.tracking.realtime.pose import Prediction
-from mien.tracking.realtime.pose_geometry import points_in_crop
+from mien.tracking.realtime.pose_geometry import project
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Solution, View
 from mien.tracking.realtime.solver import PoseSolver
@@ -48,7 +48,7 @@ class FeatureSearch:
     def __init__(self, person: Person, solver: PoseSolver, prior: StatePrior, settings: FeatureSettings) -> None:
         self.person, self.solver, self.prior, self.settings = person, solver, prior, settings
         corners = np.array([name in ("lip_stretcher", "lip_corner_depressor") for name in TRACKED_UNITS])
-        brows = np.array(["brow" in name for name in TRACKED_UNITS])
+        brows = ~MOVES_MOUTH
         self.corners = _Features(person.corners, corners, holding_all_but(corners))
         self.brows = _Features(person.brows, brows, holding_all_but(brows))
         self.both = _Features(person.corners | person.brows, corners | brows, holding_all_but(corners | brows))
@@ -71,13 +71,9 @@ class FeatureSearch:
         information[6:, 6:] += predicted.information[6:, 6:]
         start = pose.with_animation(np.where(free, predicted.pose.animation + withheld, pose.animation))
         at_rest = pose.with_animation(np.where(free, self.prior.rest, pose.animation))
-        alone = self.solver.alone(
-            landmarks,
-            best,
-            predicted.improved(start, information),
-            self._tolerance(best, predicted),
-            (points_in_crop(self.person.arrays, at_rest.arrays, best.posterior.view), self.follows),
-        )
+        still, _ = project(self.person.arrays, at_rest.arrays, best.posterior.view)
+        tolerance, about = self._tolerance(best, predicted), predicted.improved(start, information)
+        alone = self.solver.alone(landmarks, best, about, tolerance, (still, self.follows))
         if corners:
             self.withheld = self._feigned(alone.animation)
         return best.with_pose(pose.with_animation(alone.animation - self.withheld))

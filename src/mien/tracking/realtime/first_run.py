@@ -122,7 +122,7 @@ _KERNELS: tuple[Kernel, ...] = (
     (crop.is_blank, (_single(2),)),
     (patch_history._follow, (_array(1), _array(1))),
     (pose_geometry.in_camera, (_PERSON, _POSE)),
-    (pose_geometry.points_in_crop, (_PERSON, _POSE, _VIEW)),
+    (pose_geometry.project, (_PERSON, _POSE, _VIEW)),
     (pose_geometry.step_back, (_POSE, _array(1))),
     (pose_geometry.step_between, (*_POSE, *_POSE)),
     (pose_geometry.reported_landmarks, (_PERSON, _array(2), _POSE, _array(2, np.int64), _CLOSING, _array(1))),

@@ -107,7 +107,7 @@ def linearize_landmarks(
 
     Fills residual, M, g and d2 of a `Linearization`, in the metric `trust (I inverse_floor + U^T diag(gain) U)`; d2
     without its learned rows: how strange a landmark looks is judged by the views alone. stretch: see
-    `descriptors.describe_into`; terms (3, 15): see `polynomial`.
+    `descriptors.StretchArrays`; terms (3, 15): see `polynomial`.
     """
     coefficients, offset, U, gain, learned, inverse_floor, trust, _, _ = appearance
     residuals, M, g, d2, _, _, _, _ = at

@@ -22,9 +22,6 @@ PoseArrays = tuple[Array, Array, Array]
 """A pose for the kernels: R (3, 3) and t (3,) from the model's axes to the camera's, animation (6,)."""
 PersonArrays = tuple[Array, Array]
 """A face: landmarks (n, 3) at rest, and their displacements (6, n, 3) by the animation units, in the model's axes."""
-StretchArrays = tuple[Array, Array]
-"""How the skin around n landmarks stretches where these move: where they would be in the crop if they had not (n, 2),
-and which share (n, 16) of their motion each cell of their descriptors follows."""
 ViewArrays = tuple[Array, Array]
 """A crop: projection (3, 3) from points in camera axes to its homogeneous pixels; rotation (3, 3) from the optical axis
 to the face."""
@@ -265,17 +262,6 @@ def gradient_by_pose(gu: float, gv: float, at: Any, Y: Any, projection: Any) -> 
     gw = -(u * gu + v * gv)
     x, y, z = a * gu + d * gv + g * gw, b * gu + e * gv + h * gw, c * gu + f * gv + i * gw
     return Y[1] * z - Y[2] * y, Y[2] * x - Y[0] * z, Y[0] * y - Y[1] * x, x, y, z
-
-
-@kernel()
-def points_in_crop(person: Any, pose: Any, view: Any) -> Any:
-    """Landmarks in the crop (n, 2)."""
-    (R, t, a), n = pose, person[0].shape[0]
-    q, to_crop = np.empty((n, 2)), head_to_crop(R, t, view)
-    for i in range(n):
-        x, y, z = landmark(i, person, a)
-        q[i, 0], q[i, 1], _ = project_to_crop(x, y, z, to_crop)
-    return q
 
 
 @kernel()

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mien.appearance.descriptors import StretchArrays
 from mien.arrays import Array, Float32
 from mien.tracking.optimizers import Minimum
 from mien.tracking.realtime import kernels
 from mien.tracking.realtime.kernels import AppearanceArrays, Linearization, PriorArrays
-from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, StretchArrays, ViewArrays
+from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, ViewArrays
 from mien.tracking.state import pack, unpack
 
 

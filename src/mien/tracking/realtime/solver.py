@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mien.appearance.crop import is_blank
-from mien.appearance.descriptors import CELLS
+from mien.appearance.descriptors import StretchArrays, rigid
 from mien.appearance.face_camera import FaceCamera
 from mien.arrays import Array, Mask
 from mien.config import RealtimeSettings
@@ -19,7 +19,6 @@ from mien.tracking.realtime.kernels import AppearanceArrays
 from mien.tracking.realtime.level import Level
 from mien.tracking.realtime.person import Person
 from mien.tracking.realtime.pose import Pose, Prediction
-from mien.tracking.realtime.pose_geometry import StretchArrays
 from mien.tracking.realtime.posterior import LowestPoint, PosePosterior
 from mien.tracking.realtime.prior import StatePrior
 from mien.tracking.realtime.solution import Solution, View
@@ -33,8 +32,7 @@ class PoseSolver:
         self.camera, self.camera_vector = camera, camera.vector
         self.prior = prior
         self.settings = settings
-        n = len(person.units[0])
-        self.rigid: StretchArrays = np.zeros((n, 2)), np.ones((n, CELLS))
+        self.rigid = rigid(len(person.expected))
 
     def refine(
         self, frame: Frame, predicted: Prediction, start: Pose | None = None, view: View | None = None
