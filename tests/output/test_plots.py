@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from mien.output.plots import LOST_COLOUR, _plot_series, _shade, plot_track
+from mien.candide.model import TRACKED_UNITS
+from mien.output.plots import COLOURS, LOST_COLOUR, _expression, _plot_series, _shade, plot_track
 
 
 def _track(
@@ -61,6 +62,17 @@ def test_every_kind_of_track_is_plotted(tmp_path: Path, track: Any) -> None:
     plot_track(track, tmp_path / "plot.png")
     assert cv2.imread(str(tmp_path / "plot.png")).std() > 1
     assert [p.name for p in tmp_path.iterdir()] == ["plot.png"]
+
+
+def test_each_unit_is_in_one_panel_with_its_own_values_and_a_colour() -> None:
+    track = _track(20)
+    panels = list(_expression(track))
+    columns = dict(zip((*TRACKED_UNITS, "eyes_closed"), [*track.animation.T, track.eyes_closed], strict=True))
+    shown = [(name, of.values[:, k]) for of in panels for k, name in enumerate(of.names)]
+    assert sorted(name for name, _ in shown) == sorted(name.replace("_", " ") for name in columns)
+    for name, values in shown:
+        np.testing.assert_array_equal(values, columns[name.replace(" ", "_")])
+    assert max(len(of.names) for of in panels) <= len(COLOURS)
 
 
 def test_lost_frames_are_shaded_in_proportion(tmp_path: Path) -> None:

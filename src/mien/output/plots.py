@@ -1,10 +1,10 @@
-"""Plot of a track over time: angles with their 90 % interval, animation, confidence."""
+"""Plot of a track over time: angles and expression with their 90 % intervals, confidence."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mien.arrays import Array, Mask
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.files import whole_file
 from mien.tracking.state import Status
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NORMAL_90 = 1.6449
 """Half width of the central 90 % interval of a normal distribution, in standard deviations."""
 ANGLE_NAMES = ("pitch", "yaw", "roll")
-COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b", "#7a4fa3", "#3a9ca8", "#5a5a5a")
+COLOURS = ("#c1443c", "#2f7d4f", "#2c62a8", "#c98a1b")
 LOST_COLOUR = "#d9d4cf"
 _DOTTED = 1000
 """Most frames that are drawn as dots, too."""
@@ -30,23 +30,14 @@ _DOTTED = 1000
 
 def plot_track(track: Track, path: Path) -> None:
     """Plot the track to a PNG (or PDF, SVG, by the suffix), with lost frames shaded."""
-    animation = track.animation
-    figure = Figure(figsize=(10, 7.5 if animation is not None else 5), layout="constrained")
+    series = [_Series("angle (degrees)", ANGLE_NAMES, track.euler_deg, track.euler_sd_deg), *_expression(track)]
+    figure = Figure(figsize=(10, 2.5 * len(series) + 1.5), layout="constrained")
     FigureCanvasAgg(figure)
-    heights = [3.0, 3.0, 1.2] if animation is not None else [3.0, 1.2]
+    heights = [*[2.5] * len(series), 1.2]
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
-    _plot_series(axes[0], track.time, track.euler_deg, track.euler_sd_deg, ANGLE_NAMES)
-    axes[0].set_ylabel("angle (degrees)")
-    if animation is not None:
-        names, sd = [name.replace("_", " ") for name in TRACKED_UNITS], track.animation_sd
-        if track.eyes_closed is not None:
-            names.append("eyes closed")
-            animation = np.column_stack([animation, track.eyes_closed])
-            if sd is not None:
-                unknown = np.full(len(animation), np.nan)
-                sd = np.column_stack([sd, unknown if track.eyes_closed_sd is None else track.eyes_closed_sd])
-        _plot_series(axes[1], track.time, animation, sd, names)
-        axes[1].set_ylabel("animation (0 neutral, 1 full)")
+    for axis, of in zip(axes, series, strict=False):
+        _plot_series(axis, track.time, of.values, of.sd, of.names)
+        axis.set_ylabel(of.label)
     _plot_confidence(axes[-1], track.time, track.confidence)
     lost = np.array([status == Status.LOST.value for status in track.status], dtype=bool)
     for axis in axes:
@@ -56,10 +47,37 @@ def plot_track(track: Track, path: Path) -> None:
         axis.margins(x=0.01)
     axes[-1].set_xlabel("time (seconds)")
     axes[-1].ticklabel_format(axis="x", useOffset=False, style="plain")
+    figure.align_ylabels(axes)
     if lost.any():
         axes[0].set_title(f"{lost.sum()} of {len(lost)} frames lost (shaded)", loc="left", fontsize=10)
     with whole_file(path) as file:
         figure.savefig(file, dpi=120)
+
+
+class _Series(NamedTuple):
+    """What one panel shows. values, sd: (n, k), sd None where there are none; names: (k,)."""
+
+    label: str
+    names: Sequence[str]
+    values: Array
+    sd: Array | None
+
+
+def _expression(track: Track) -> Iterator[_Series]:
+    """The panels of the mouth and of brows and eyes, of a track that has an expression."""
+    if track.animation is None:
+        return
+    names, values, sd = [name.replace("_", " ") for name in TRACKED_UNITS], track.animation, track.animation_sd
+    if track.eyes_closed is not None:
+        names.append("eyes closed")
+        values = np.column_stack([values, track.eyes_closed])
+        if sd is not None:
+            unknown = np.full(len(values), np.nan)
+            sd = np.column_stack([sd, unknown if track.eyes_closed_sd is None else track.eyes_closed_sd])
+    mouth = np.flatnonzero(MOVES_MOUTH)
+    for label, shown in (("mouth", mouth), ("brows and eyes", np.setdiff1d(np.arange(len(names)), mouth))):
+        of_these = None if sd is None else sd[:, shown]
+        yield _Series(f"{label}\n(0 neutral, 1 full)", [names[k] for k in shown], values[:, shown], of_these)
 
 
 def _plot_series(axis: Axes, time: Array, values: Array, sd: Array | None, names: Sequence[str]) -> None:
