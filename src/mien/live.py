@@ -16,10 +16,9 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
 from mien.initialization.straight import straightened
-from mien.pipeline.passes import warn_of_first_frame
 from mien.pipeline.run import tracked
 from mien.registry import DEFAULT_PRESET, called, checked, create_tracker
-from mien.start.first_frame import as_point, before_start, require_inside
+from mien.start.first_frame import as_point, before_start, require_inside, warn_of_first_frame
 from mien.start.footage import Footage
 from mien.start.live_search import Patience
 from mien.tracking.state import Estimate, Tracker

@@ -26,6 +26,7 @@ def _normals(model: Candide) -> Array:
 def test_models_are_told_apart() -> None:
     assert {MODEL: "default", Candide.default(168): "closed"}[MODEL] == "default"
     assert Candide.default(168) != MODEL
+    assert Candide.default(184) is MODEL
 
 
 def test_counts_of_the_report() -> None:

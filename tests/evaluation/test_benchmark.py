@@ -201,6 +201,15 @@ def test_openface_output_beside_a_tracker(forked: bool, tmp_path: Path) -> None:
     run_plan(replace(alone, sequences=("a_uniform1",)))
 
 
+def test_openface_output_below_the_home_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    (tmp_path / "of").mkdir()
+    assert _plan(tmp_path, "openface:~/of").trackers == ("openface:~/of",)
+    with pytest.raises(MienError, match="~/none does not exist"):
+        _plan(tmp_path, "openface:~/none")
+
+
 def test_what_may_be_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is not timed, of trackers of mien: those of your own have a new process, a timed one is as it was."""
     asked: list[tuple[str, bool]] = []

@@ -454,6 +454,15 @@ def test_a_table_in_another_encoding_says_which_is_read(tmp_path: Path) -> None:
         _truth("video", root)
 
 
+def test_a_table_that_the_system_refuses_to_read_is_named(tmp_path: Path) -> None:
+    refused = Path("/proc/self/mem")
+    if not refused.is_file():
+        pytest.skip("there is no such file here")
+    (tmp_path / "x.csv").symlink_to(refused)
+    with pytest.raises(MienError, match=r"x\.csv cannot be read .*; check the file"):
+        read_pose_csv(tmp_path / "x.csv")
+
+
 def test_the_first_face_of_several_is_read(tmp_path: Path) -> None:
     file = tmp_path / "two.csv"
     file.write_text("frame,face_id,pose_Rx,pose_Ry,pose_Rz\n1,0,0.1,0,0\n1,1,0.2,0,0\n2,0,0.3,0,0\n")

@@ -533,6 +533,17 @@ def test_one_bin_of_the_angle_of_the_head_shows_both_quantiles(out: Path) -> Non
     assert all(line.get_marker() != "None" for line in lines)  # a line through one point cannot be seen
 
 
+@pytest.mark.parametrize(("count", "scale"), [(5, "linear"), (6, "log")])
+def test_the_angle_of_the_head_shows_both_quantiles_of_few_trackers_alone(out: Path, count: int, scale: str) -> None:
+    scores = load_scores(out)
+    names = tuple(f"tracker {k}" for k in range(count))
+    each = [replace(s, result=replace(s.result, tracker=name)) for name in names for s in scores.for_tracker("good")]
+    many = replace(scores, evaluation=replace(scores.evaluation, trackers=names), scores=tuple(each))
+    axis = error_against_head_angle(many).axes[0]
+    assert axis.get_yscale() == scale
+    assert len(axis.get_lines()) == count * (2 if scale == "linear" else 1)
+
+
 def test_the_contact_sheet_shows_the_worst_twenty(out: Path) -> None:
     sheet = contact_sheet(load_scores(out).for_tracker("good"))
     assert sheet is not None

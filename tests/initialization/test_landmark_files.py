@@ -183,6 +183,16 @@ def test_a_broken_file_is_named_with_its_fault(tmp_path: Path, name: str) -> Non
     assert str(tmp_path / name) in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["x.json", "x.pts", "x.csv"])
+def test_a_file_that_the_system_refuses_to_read_is_named(tmp_path: Path, name: str) -> None:
+    refused = Path("/proc/self/mem")
+    if not refused.is_file():
+        pytest.skip("there is no such file here")
+    (tmp_path / name).symlink_to(refused)
+    with pytest.raises(MienError, match=f"{name} cannot be read .*; check the file"):
+        read_landmarks(tmp_path / name)
+
+
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(MienError, match=r"none\.json: no such file"):
         read_landmarks(tmp_path / "none.json")

@@ -251,14 +251,16 @@ def test_a_camera_waits_a_while_for_the_face_to_look_into_it(
 ) -> None:
     monkeypatch.setattr(live_search, "_PATIENCE", patience_s)
     camera = Live(turning.frames)
+    shown: list[str] = []
     with pytest.warns(MienWarning, match="a face is first found"):
-        begin = prepare(Footage(camera, face().camera))
+        begin = prepare(Footage(camera, face().camera), show=lambda frame, estimate: shown.append(estimate.reason))
     assert begin.first.index == index
     assert begin.since == begin.first.time
     assert len(list(begin.frames)) == len(PANS_DEG) - index
     assert camera.shown == len(PANS_DEG)
     assert [(e.index, e.status) for e in begin.passed] == [(k, Status.LOST) for k in range(index)]
     assert {e.reason for e in begin.passed} == {"waiting for the face to look into the camera"}
+    assert shown == [e.reason for e in begin.passed]
 
 
 @pytest.mark.parametrize(("patience_s", "index"), [(3.0, 15), (0.5, 13)])

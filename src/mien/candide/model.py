@@ -59,15 +59,11 @@ class Candide:
     animation_units: Array
 
     @staticmethod
-    @cache
     def default(surfaces: int = 184) -> Candide:
         """The built-in model with 184 surfaces, or with the 168 of version 3.1.3, which has no eyeballs. Trackers have
         the same, so its arrays cannot be written to: work on copies."""
         require(surfaces in (184, 168), f"CANDIDE-3 has 184 or 168 surfaces, not {surfaces}")
-        model = _load_tables() if surfaces == 184 else _close_eyes(_load_tables())
-        for array in (model.mean, model.triangles, model.shape_units, model.animation_units):
-            array.setflags(write=False)
-        return model
+        return _built_in(surfaces)
 
     def vertices(self, sigma: Array | None = None, alpha: Array | None = None) -> Array:
         """`gbar + S sigma + A alpha` of Eq. (1): (K,), (L,) -> (V, 3) in head axes."""
@@ -138,6 +134,15 @@ def with_eyes_closed(vertices: Array, share: float) -> Array:
         meet = vertices[l2] + lid_closing(1.0)[1] * (vertices[u2] - vertices[l2])
         out[list(iris), 1] += share * (meet[1] - vertices[list(iris), 1])
     return out
+
+
+@cache
+def _built_in(surfaces: int) -> Candide:
+    """What `Candide.default` returns, once for each number of surfaces, as models compare by identity."""
+    model = _load_tables() if surfaces == 184 else _close_eyes(_load_tables())
+    for array in (model.mean, model.triangles, model.shape_units, model.animation_units):
+        array.setflags(write=False)
+    return model
 
 
 def _load_tables() -> Candide:

@@ -36,7 +36,7 @@ _ENTRY_INCHES, _LETTER_INCHES, _ROW_INCHES = 0.72, 0.08, 0.22
 """Space in a legend for an entry without its text, for a letter, and for a row of entries."""
 _GAP = 3
 """How many times the usual distance of frames with truth is a gap in a line."""
-_FEW = 20
+_RARE = 20
 """Number of frames of a confidence below which a share of them says little."""
 _BIN_DEG = 5.0
 """Width of the bins of the angle of the head."""
@@ -184,12 +184,14 @@ def reliability_diagram(diagrams: dict[str, metrics.Reliability]) -> Figure:
     above.plot((0, 1), (0, 1), color="#999999", linestyle=":", linewidth=1)
     for (tracker, r), colour in zip(diagrams.items(), cycle(COLOURS), strict=False):
         if r.count.any():
-            many, few = (np.where(chosen, r.right, np.nan) for chosen in (r.count >= _FEW, r.count < _FEW))
+            many, few = (np.where(chosen, r.right, np.nan) for chosen in (r.count >= _RARE, r.count < _RARE))
             above.plot(r.confidence, many, color=colour, marker="o", label=tracker)
             above.plot(r.confidence, few, color=colour, marker="o", markerfacecolor="none", linestyle="none", alpha=0.5)
             below.stairs(r.count, r.edges, color=colour, fill=True, alpha=0.2)
             below.stairs(r.count, r.edges, color=colour, linewidth=1.5)
-    above.set_ylabel(f"share with an error\nbelow {metrics.RIGHT_DEG:g} degrees\n(hollow: of fewer than {_FEW} frames)")
+    above.set_ylabel(
+        f"share with an error\nbelow {metrics.RIGHT_DEG:g} degrees\n(hollow: of fewer than {_RARE} frames)"
+    )
     above.set_ylim(0, 1.05)
     below.set_ylabel("frames")
     below.set_xlabel("confidence")

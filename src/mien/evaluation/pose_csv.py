@@ -21,6 +21,7 @@ from mien.arrays import Array, Mask
 from mien.candide.model import TRACKED_UNITS
 from mien.csv_files import csv_rows, landmark_count, number_in
 from mien.errors import MienError, require, warn
+from mien.files import reason_of
 from mien.geometry.rotation import FACING, matrix_from_euler
 from mien.initialization.landmarks import SCHEME_OF_COUNT
 from mien.output.columns import ROTATION, TRANSLATION
@@ -178,6 +179,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
         rows = list(csv_rows(path))
     except (UnicodeDecodeError, csv.Error) as e:
         raise MienError(f"{path} is not a readable CSV ({e}); save it again, as UTF-8") from e
+    except OSError as e:
+        raise MienError(f"{path} cannot be read ({reason_of(e)}); check the file") from e
     require(bool(rows), f"{path} has no rows; it needs one for every frame")
     faces = [row.get("face_id", "0") for row in rows]
     if len(set(faces)) > 1:

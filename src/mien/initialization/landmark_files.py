@@ -19,7 +19,7 @@ import numpy as np
 from mien.arrays import Array
 from mien.csv_files import csv_rows, landmark_count, number_in
 from mien.errors import MienError, require
-from mien.files import json_text, user_path, whole_file
+from mien.files import json_text, reason_of, user_path, whole_file
 from mien.graphics import Graphics
 from mien.initialization.landmarks import SCHEME_OF_COUNT, Landmarks
 from mien.video import warn_of_another_size
@@ -49,6 +49,8 @@ def read_landmarks(
         return readers[path.suffix.lower()](path, index, time)
     except (UnicodeDecodeError, csv.Error) as error:
         raise MienError(f"{path} is not a text file; check that it is the landmark file") from error
+    except OSError as error:
+        raise MienError(f"{path} cannot be read ({reason_of(error)}); check the file") from error
 
 
 def write_landmarks(path: str | Path, landmarks: Landmarks, size: tuple[int, int] | None = None) -> None:

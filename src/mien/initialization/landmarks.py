@@ -55,6 +55,8 @@ displacement, on every part of the face that the six animation units move. `docs
 LANDMARK_NAMES = tuple(LANDMARK_VERTICES)
 EYE_PARTS = ("eye_outer_corner", "eye_inner_corner", "eyelid_upper_mid", "eyelid_lower_mid")
 """The names of the landmarks of an eye, without their side."""
+MOUTH_CORNERS = tuple(LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left"))
+"""Rows (2,) of the corners of the mouth."""
 VERTICES = list(LANDMARK_VERTICES.values())
 """The vertices alone, as an index into all."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -227,7 +226,6 @@ def _require_own_gltf(path: Path) -> None:
 
 def is_json_of_track(path: Path) -> bool:
     """Whether a file is the NAME.json of a track."""
-    with suppress(OSError, ValueError):
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-        return isinstance(content, dict) and "mien" in content
+    with suppress(MienError):
+        return "mien" in read_metadata(path)
     return False

@@ -10,8 +10,6 @@ import numpy as np
 
 from mien.arrays import Array
 from mien.errors import MienError, MienWarning, interruption, warn
-from mien.initialization.fit import turned_deg
-from mien.initialization.landmarks import Landmarks
 from mien.output.destination import Destination
 from mien.output.recorder import Recorder
 from mien.output.track import Track
@@ -20,11 +18,9 @@ from mien.pipeline.drawing import drawing
 from mien.pipeline.metadata import metadata
 from mien.pipeline.run import run, run_back
 from mien.registry import create_tracker
-from mien.start.first_frame import Start
-from mien.start.looks import COVERED, COVERED_WITHIN_DEG, TURNED_DEG
-from mien.tracking.abilities import GraphicsTracker, RepeatableTracker, ShapeTracker, axes_of
+from mien.start.first_frame import Start, warn_of_first_frame
+from mien.tracking.abilities import RepeatableTracker, ShapeTracker, axes_of
 from mien.tracking.state import Estimate, Status, Tracker
-from mien.video import Video
 
 
 @dataclass(frozen=True)
@@ -177,29 +173,3 @@ def _final_depths(tracker: ShapeTracker, track: Track, recorder: Recorder) -> Ar
         if not np.isnan(R).any():
             depths[k] = tracker.landmark_depths(R, t[k], track.animation[k], float(closed[k]))
     return depths * recorder.mm_per_unit
-
-
-def warn_of_first_frame(
-    first: Estimate, landmarks: Landmarks, video: Video, tracker: Tracker, face_id: int = 0
-) -> None:
-    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned, or partly
-    covered, there or throughout. face_id: index of the face in the video."""
-    if first.rotation is None or first.translation is None:
-        return
-    remedy = "begin" if video.path is None else "use --start to begin"
-    face = f"face {face_id}" if face_id else "the face"
-    if landmarks.graphics is not None:
-        known = isinstance(tracker, GraphicsTracker)
-        then = "they are painted over, and what they hide is not tracked" if known else "this tracker takes them for it"
-        warn(f"{video.name}: graphics, such as a logo, or a hard shadow stand still before {face}; {then}")
-    turned = turned_deg(first.rotation, first.translation)
-    if turned > TURNED_DEG:
-        warn(
-            f"{video.name}: {face} is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
-            f"and all angles will be less certain; {remedy} where it looks into the camera"
-        )
-    elif turned < COVERED_WITHIN_DEG and (landmarks.disagreement or 0.0) > COVERED:
-        warn(
-            f"{video.name}: something seems to cover a part of {face} at {first.time:.2f} s, where tracking begins, "
-            f"and will be taken for it, or it is dark, blurred or noisy there; {remedy} where all of it is seen well"
-        )

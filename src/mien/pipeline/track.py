@@ -21,7 +21,7 @@ from mien.output.track import Track
 from mien.output.window import Window, require_screen
 from mien.pipeline.passes import Pass, run_passes
 from mien.registry import DEFAULT_PRESET, create_tracker, file_of
-from mien.start.first_frame import before_start, prepare
+from mien.start.first_frame import prepare
 from mien.start.footage import Footage
 from mien.threads import one_blas_thread
 from mien.tracking.abilities import RepeatableTracker
@@ -83,7 +83,7 @@ def track(
     check_mesh(files.gltf, tracker, preset)
     report = reporter(progress, footage, passes)
     with closing(footage), Window(footage.video.name) if show else nullcontext() as window:
-        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window, footage))
+        begin = prepare(footage, landmarks, at_once, face, report, partial(_show_waiting, window))
         begin = begin if landmarks is None else begin.completed()
         files.warn_if_stale(1)
         for result, _ in run_passes(Pass(begin, preset, tracker, files, report, passes, window=window)):
@@ -98,12 +98,12 @@ def reporter(progress: Progress | None, footage: Footage, rounds: int) -> Callab
     return lambda estimate: None if progress is None else progress(estimate, total)
 
 
-def _show_waiting(window: Window | None, footage: Footage, frame: Frame) -> None:
-    """Show a frame in which no face was seen yet, if there is a window."""
+def _show_waiting(window: Window | None, frame: Frame, estimate: Estimate) -> None:
+    """Show a frame before the first detection, and why there is none, if there is a window."""
     if window is not None:
         from mien.output.overlay import FaceOverlay, draw
 
-        window.show(draw(frame, [FaceOverlay(before_start(frame))], footage.camera_of(frame)))
+        window.show(draw(frame, [FaceOverlay(estimate)], Camera.unknown(frame.width, frame.height)))
 
 
 def check_passes(passes: int, tracker: Tracker, preset: str, video: Video | None = None) -> None:

@@ -13,15 +13,17 @@ import numpy as np
 from mien.errors import MienError, require, warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.initialization.fit import fit_first_frame
+from mien.initialization.fit import fit_first_frame, turned_deg
 from mien.initialization.landmark_files import read_landmarks
 from mien.initialization.landmarks import Landmarks, Point, is_same_place, place_of
 from mien.initialization.marked import completed
 from mien.initialization.straight import straightened
 from mien.start.footage import Footage
 from mien.start.live_search import Patience
+from mien.start.looks import COVERED, COVERED_WITHIN_DEG, TURNED_DEG
 from mien.start.search import BACK_SECONDS, best_look, find_face
-from mien.tracking.state import Estimate
+from mien.tracking.abilities import GraphicsTracker
+from mien.tracking.state import Estimate, Tracker
 from mien.video import Video
 
 CONFIDENT = 0.5
@@ -93,7 +95,7 @@ def prepare(
     at_once: bool = False,
     face: Point | None = None,
     report: Callable[[Estimate], None] = lambda estimate: None,
-    show: Callable[[Frame], None] = lambda frame: None,
+    show: Callable[[Frame, Estimate], None] = lambda frame, estimate: None,
 ) -> Start:
     """Find the first frame and its landmarks: the frame of the given landmarks, else the first frame with a face or,
     unless `at_once`, a later one from which the face is learned better.
@@ -147,15 +149,17 @@ class _Opening:
         )
 
 
-def _begin_with_a_face(opening: _Opening, report: Callable[[Estimate], None], show: Callable[[Frame], None]) -> Start:
+def _begin_with_a_face(
+    opening: _Opening, report: Callable[[Estimate], None], show: Callable[[Frame, Estimate], None]
+) -> Start:
     """The start with the first frame that shows a face, or with a better one."""
     footage, camera = opening.footage, opening.camera
     passed = list[Estimate]()
     patience = None if footage.repeatable or opening.at_once else Patience(camera, opening.face)
 
     def without_face(frame: Frame) -> None:
-        show(frame)
         estimate = before_start(frame, patience)
+        show(frame, estimate)
         report(estimate)
         if not footage.repeatable:
             passed.append(estimate)
@@ -260,3 +264,29 @@ def before_start(frame: Frame, patience: Patience | None = None) -> Estimate:
 def before_landmarks(frame: Frame) -> Estimate:
     """The estimate for a frame before the one whose face is learned, down to which it was not followed: lost."""
     return Estimate.lost(frame, "tracking begins later")
+
+
+def warn_of_first_frame(
+    first: Estimate, landmarks: Landmarks, video: Video, tracker: Tracker, face_id: int = 0
+) -> None:
+    """Warn if the face is turned away in the first frame, from which its appearance and shape are learned, or partly
+    covered, there or throughout. face_id: index of the face in the video."""
+    if first.rotation is None or first.translation is None:
+        return
+    remedy = "begin" if video.path is None else "use --start to begin"
+    face = f"face {face_id}" if face_id else "the face"
+    if landmarks.graphics is not None:
+        known = isinstance(tracker, GraphicsTracker)
+        then = "they are painted over, and what they hide is not tracked" if known else "this tracker takes them for it"
+        warn(f"{video.name}: graphics, such as a logo, or a hard shadow stand still before {face}; {then}")
+    turned = turned_deg(first.rotation, first.translation)
+    if turned > TURNED_DEG:
+        warn(
+            f"{video.name}: {face} is turned by {turned:.0f} degrees at {first.time:.2f} s, where tracking begins, "
+            f"and all angles will be less certain; {remedy} where it looks into the camera"
+        )
+    elif turned < COVERED_WITHIN_DEG and (landmarks.disagreement or 0.0) > COVERED:
+        warn(
+            f"{video.name}: something seems to cover a part of {face} at {first.time:.2f} s, where tracking begins, "
+            f"and will be taken for it, or it is dark, blurred or noisy there; {remedy} where all of it is seen well"
+        )

@@ -77,7 +77,7 @@ def expected_errors(looks: Sequence[Landmarks], details: Sequence[float], camera
     """Expected errors (n,) of tracks that start from each of n looks at one face, relative to one that starts at rest
     and facing the camera; infinite for looks that are much more turned than another.
 
-    looks: with depths, in the scheme `mediapipe478`; details (n,): see `detail`; R (3, 3), t (3,): pose of the face in
+    looks: with depths, in a scheme of MediaPipe; details (n,): see `detail`; R (3, 3), t (3,): pose of the face in
     the first look.
     """
     points = [_points(look, camera) for look in looks]

@@ -13,6 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import mien
 from long_motion import gentle_sequence, in_order, sequence, shown, with_spectacles
@@ -186,6 +187,19 @@ def test_views_from_aside_are_learned_when_the_face_turns_there() -> None:
     assert set(front.views[1]) < set(turned.views[1])
     assert turned.views[1].max() == pytest.approx(limit)
     assert turned.behind.shape[:2] == (len(turned.views[0]), len(turned.views[1]))
+
+
+def test_views_from_aside_are_learned_by_one_thread() -> None:
+    """Or what is tracked would depend on the number of processors."""
+    front, regress, threads = begun(sequence().frames[0]).face.fine, learning._regress, list[int]()
+
+    def noted(*given: Any) -> Any:
+        threads.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+        return regress(*given)
+
+    with threadpool_limits(2, user_api="blas"), patch.object(learning, "_regress", noted):
+        front.at(np.radians([0.0, 51.0]))
+    assert set(threads) == {1}
 
 
 def test_a_view_of_which_the_mean_leaves_much_says_less() -> None:

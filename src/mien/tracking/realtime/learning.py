@@ -26,7 +26,8 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING
 from mien.initialization.fit import FirstFrame
-from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES, Landmarks
+from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES, MOUTH_CORNERS, Landmarks
+from mien.threads import one_blas_thread
 from mien.tracking.realtime import kernels, pose_geometry
 from mien.tracking.realtime.level import Level, Noise
 from mien.tracking.realtime.skin import BROWS, CHIN, CORNERS, UPPER_LIP
@@ -51,8 +52,6 @@ _NOISE_FACTOR = 1.35
 the first frame, too. Between 1.2 and 1.5 on rendered heads in noise of 6 to 20 grey values."""
 _TURNED_VIEWS = 2
 """Pans to either side that are rendered in addition for a face that has turned aside."""
-_CORNERS = [LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left")]
-"""Landmarks that move over skin that stays: the patches whose motion is measured are small there."""
 
 
 @dataclass(frozen=True)
@@ -241,6 +240,7 @@ def _learn_level(face: _FirstFace, descriptor: DescriptorSettings, per_angle: in
     return replace(level, learn_turned=partial(_learn_turned, renderer, front, further, changes, s))
 
 
+@one_blas_thread()  # `track` itself does not limit it, and numbers must not depend on the processors
 def _learn_turned(
     renderer: _ViewRenderer, front: _Views, further: Array, changes: _Changes, s: RealtimeSettings
 ) -> Level:
@@ -376,7 +376,7 @@ def _patches(count: int, settings: MotionSettings) -> Array:
     """Regular grids (n, m, 2) around as many landmarks in the image: right and down, CANDIDE units."""
     side = np.linspace(-1, 1, settings.grid)
     half = np.full(count, settings.patch)
-    half[_CORNERS] = settings.corner
+    half[list(MOUTH_CORNERS)] = settings.corner  # these move over skin that stays
     grids: Array = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) * half[:, None, None]
     return grids
 

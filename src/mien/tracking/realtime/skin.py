@@ -71,10 +71,9 @@ _SPACING = 0.022
 class SlidingRegion:
     """Skin on either side that slides over the face with a landmark, on a lattice of points: how many of them it
     extends from the landmark towards the middle of the face, away from it, up and down; and by how many it is looked
-    for elsewhere in these directions. landmark: its name without its side; unit: one that moves it."""
+    for elsewhere in these directions. landmark: its name without its side."""
 
     landmark: str
-    unit: str
     inner: int
     outer: int
     above: int
@@ -90,7 +89,7 @@ class SlidingRegion:
         they stay where they are."""
         outwards = _SPACING * np.arange(-self.inner - self.inwards, self.outer + self.outwards + 1)
         down = _SPACING * np.arange(-self.above - self.up, self.below + self.down + 1)
-        unit = TRACKED_UNITS.index(self.unit)
+        unit = 0  # none moves them: the first frame's animation is what they are looked at with
         right = _region(f"right_{self.landmark}", unit, -outwards, down)
         return right, _region(f"left_{self.landmark}", unit, outwards, down)
 
@@ -107,13 +106,9 @@ class SlidingRegion:
         return rows, slice(self.inwards, self.inwards + self.inner + 1 + self.outer)
 
 
-CORNERS = SlidingRegion(
-    "mouth_corner_outer", "lip_stretcher", inner=4, outer=6, above=9, below=7, inwards=5, outwards=8, up=6, down=6
-)
+CORNERS = SlidingRegion("mouth_corner_outer", inner=4, outer=6, above=9, below=7, inwards=5, outwards=8, up=6, down=6)
 """The surroundings of the corners of the mouth."""
-BROWS = SlidingRegion(
-    "brow_top", "outer_brow_raiser", inner=6, outer=6, above=6, below=5, inwards=1, outwards=1, up=10, down=8
-)
+BROWS = SlidingRegion("brow_top", inner=6, outer=6, above=6, below=5, inwards=1, outwards=1, up=10, down=8)
 """The middles of the brows."""
 
 

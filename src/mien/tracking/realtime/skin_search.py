@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mien.arrays import Array
-from mien.candide.model import TRACKED_UNITS
+from mien.candide.model import MOVES_MOUTH, TRACKED_UNITS
 from mien.compiled import kernel
 from mien.config.realtime import SkinSettings
 from mien.tracking.realtime.definite import solve_positive
@@ -26,8 +26,7 @@ _LEAST_MOTION = 0.02
 """CANDIDE units by which lip_stretcher moves the corners of the mouth outwards, 0.09 in CANDIDE-3, or the units of the
 brows lower these, 0.28 in all, below which those of another face model are not looked for there."""
 _STRETCHES = np.array([name == "lip_stretcher" for name in TRACKED_UNITS])
-_MOVES_BROWS = np.array(["brow" in name for name in TRACKED_UNITS])
-"""Which units (6,) these are."""
+"""Which unit (6,) that is."""
 _DOWN = np.array([0.0, -1.0, 0.0])
 """In head axes."""
 _SURPRISE = 2.0
@@ -65,7 +64,7 @@ class SkinSearch:
         right, left = (person.units[:, side.carrier] for side in CORNERS.sides)
         self.widening = np.where(_STRETCHES, (left - right)[:, 0] / 2, 0.0)
         brows = [side.carrier for side in BROWS.sides]
-        self.lowering = np.where(_MOVES_BROWS, -person.units[:, brows, 1].mean(axis=1), 0.0)
+        self.lowering = np.where(MOVES_MOUTH, 0.0, -person.units[:, brows, 1].mean(axis=1))
         self.may_widen = float(self.widening.sum()) >= _LEAST_MOTION
         self.may_lower = float(np.abs(self.lowering).sum()) >= _LEAST_MOTION
         self.brow_step = np.column_stack([np.cross(person.neutral[brows].mean(axis=0), _DOWN), _DOWN])

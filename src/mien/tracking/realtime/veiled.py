@@ -16,7 +16,7 @@ import numpy as np
 from mien.arrays import Array, Float32, Mask
 from mien.compiled import kernel
 from mien.config.realtime import VisibilitySettings
-from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES
+from mien.initialization.landmarks import EYE_PARTS, LANDMARK_NAMES, MOUTH_CORNERS
 from mien.tracking.realtime.motion import bilinear
 from mien.tracking.realtime.order import insert
 from mien.tracking.realtime.pose_geometry import PersonArrays, PoseArrays, ViewArrays, head_to_crop, project_to_crop
@@ -26,8 +26,6 @@ _EYES = np.array([[LANDMARK_NAMES.index(f"{side}_{part}") for part in EYE_PARTS]
 """Rows (2, 4) of the landmarks of each eye."""
 _OF_EYES = np.isin(np.arange(len(LANDMARK_NAMES)), _EYES)
 """Which landmarks these are; what is tracked beside the landmarks follows them."""
-_MOUTH = tuple(LANDMARK_NAMES.index(f"{side}_mouth_corner_outer") for side in ("right", "left"))
-"""Rows (2,) of its corners."""
 _ALONG, _ACROSS = np.linspace(0.2, 0.8, 7), np.linspace(-0.2, 0.2, 5)
 """Where an eye, or a mouth, is looked at: from one corner to the other, and up, in widths of it."""
 _AROUND = np.array([-0.12, 0.12])
@@ -80,7 +78,7 @@ def _veiled(
             if sd < least * usual or _outshines(median / glare, others[:count], image, person, a, to_crop):
                 hidden += 1
                 veiled[_EYES[k]] = True
-    right, left = _MOUTH
+    right, left = MOUTH_CORNERS
     _, sd = _look(right, left, image, person, a, to_crop)
     return veiled, 0 < faces == hidden, bool(facing[right] and facing[left] and sd < least_of_mouth * usual)
 
