@@ -471,6 +471,16 @@ def test_a_video_with_a_newer_time_and_the_same_content_is_kept(
     assert _states(track_all([videos], tmp_path / "out")) == ["kept"] * 3
 
 
+def test_a_video_that_an_older_one_has_replaced_is_done_again(
+    videos: Path, code: dict[str, str], tmp_path: Path
+) -> None:
+    """As by `cp -p`, which keeps its time."""
+    track_all([videos], tmp_path / "out")
+    _written_over(videos / "a.mp4", tmp_path / "out" / "a.json")
+    os.utime(videos / "a.mp4", (0, 0))
+    assert _states(track_all([videos / "a.mp4"], tmp_path / "out")) == ["tracked"]
+
+
 def test_what_is_not_as_asked_is_done_again(videos: Path, code: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     track_all([videos], out)

@@ -147,6 +147,7 @@ def test_the_table_takes_the_videos_name(mien: Command, video: Path, marks: Path
     assert mien("track", video, "--landmarks", marks, "--quiet", "--end", "0.1").out == ""
     assert len(Track.read(tmp_path / "in.csv")) == 3
     (tmp_path / "tables").mkdir()
+    assert "-o is empty; give the name of a file" in mien("track", video, "-o", "").err
     mien("track", video, "--landmarks", marks, "-o", "tables", "--quiet", "--end", "0.01")
     assert names(tmp_path / "tables") == {"in.csv", "in.json", "in.parquet"}
 

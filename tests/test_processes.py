@@ -82,6 +82,35 @@ def test_a_call_that_does_not_end_is_stopped(forked: bool, tmp_path: Path) -> No
             os.kill(int(file.read_text()), 0)
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a signal that cannot be caught")
+@pytest.mark.parametrize("forked", [False, True])
+def test_a_call_ends_with_the_process_that_wants_its_result(forked: bool, tmp_path: Path) -> None:
+    """Killed, that can stop nobody; a call that went on would write over what a later run has written."""
+    number = tmp_path / "number"
+    slow = f"import os, pathlib, time; pathlib.Path({str(number)!r}).write_text(str(os.getpid())); time.sleep(600)"
+    code = f"from mien.processes import Call, run_commands; call = Call('slow', 'builtins:exec', ({slow!r},)); "
+    caller = subprocess.Popen([sys.executable, "-c", f"{code}list(run_commands([call], 1, forked={forked}))"])
+    while not (number.exists() and number.read_text()):
+        assert caller.poll() is None
+        time.sleep(0.01)
+    caller.kill()
+    caller.wait()
+    until = time.monotonic() + 10
+    while _runs(int(number.read_text())):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def _runs(process: int) -> bool:
+    """Whether there is such a process that has not ended; one without a parent may be left as a zombie."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    stat = Path(f"/proc/{process}/stat")
+    return not (stat.exists() and stat.read_text().rpartition(")")[2].split()[0] == "Z")
+
+
 @pytest.mark.parametrize("forked", [False, True])
 def test_a_call_can_be_interrupted(forked: bool) -> None:
     (ended,) = _run(

@@ -24,7 +24,7 @@ import typer
 from typer.core import TyperGroup
 
 from mien._version import __version__
-from mien.errors import MienError, MienWarning, interruption
+from mien.errors import MienError, MienWarning, interruption, require
 from mien.terminal import frames_bar, jobs_bar, print_error, print_error_once, print_scores, print_written, show_warning
 
 # Read when NumPy is first imported. Tracking multiplies thousands of small matrices, for which BLAS threads cost more
@@ -218,7 +218,6 @@ def track(
     quiet: Quiet = False,
 ) -> None:
     """Track the face of VIDEO; write its pose and expression as CSV, Parquet, and JSON with the settings."""
-    from mien.errors import require
     from mien.faces import track_faces
     from mien.output.destination import Destination, require_new, require_no_other_video
     from mien.pipeline.track import track as track_video
@@ -420,6 +419,7 @@ def _stem(video: str) -> str:
 def _output_path(output: str | None, name: str) -> Path:
     """The given output path; in a given folder, which need not exist if it ends with a slash, or in the current one
     without a path, the file has this name."""
+    require(output != "", "-o is empty; give the name of a file, or of a folder")
     if output is None or output.endswith(("/", os.sep)) or Path(output).is_dir():
         return Path(output or "", name)
     return Path(output)

@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from math import inf
+from threading import Thread
 
 from mien.errors import require
 
@@ -57,10 +58,29 @@ class Call:
 
     @property
     def command(self) -> Command:
-        """The equivalent command line, for a new process."""
+        """The equivalent command line, for a new process whose standard input its caller holds open."""
         module, _, function = self.function.partition(":")
-        code = f"import sys; from {module} import {function}; {function}(*sys.argv[1:])"
+        code = (
+            f"import sys; from {__name__} import end_with_caller; end_with_caller(); "
+            f"from {module} import {function}; {function}(*sys.argv[1:])"
+        )
         return Command(self.name, (sys.executable, "-c", code, *self.arguments), self.environment)
+
+
+def end_with_caller() -> None:
+    """Let this process end once its standard input does, which the process that runs it holds open."""
+    _end_after(lambda: os.read(0, 1))
+
+
+def _end_after(wait: Callable[[], object]) -> None:
+    """Ask this process to terminate once `wait` returns, which waits for the end of the process that wants its result:
+    killed, that can tell nobody, and a later run would find its files written by this one."""
+
+    def watch() -> None:
+        wait()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def available_processors() -> int:
@@ -179,6 +199,9 @@ def _run_call(call: Call, output: str) -> None:
     """Run a call in this forked process, as the leader of a new session, with stdout and stderr appended to a file."""
     os.setsid()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    caller = multiprocessing.parent_process()
+    assert caller is not None, "it has been forked"
+    _end_after(caller.join)
     try:
         file = os.open(output, os.O_WRONLY | os.O_APPEND)
     except FileNotFoundError:  # the parent was stopped before this process started
@@ -198,15 +221,16 @@ class _Process:
         self._output = tempfile.NamedTemporaryFile()  # noqa: SIM115
         self._start = time.monotonic()
         self._process: subprocess.Popen[bytes] | _Forked
+        stdin = subprocess.DEVNULL
         if isinstance(command, Call):
             if forked:
                 with suppress(OSError):  # the path of its socket may be too long
                     self._process = _Forked(command, self._output.name)
                     return
-            command = command.command
+            command, stdin = command.command, subprocess.PIPE
         self._process = subprocess.Popen(
             list(command.arguments),
-            stdin=subprocess.DEVNULL,
+            stdin=stdin,
             stdout=self._output,
             stderr=subprocess.STDOUT,
             env={**os.environ, "PYTHONUNBUFFERED": "1", **command.environment},  # what was printed last is last
@@ -247,6 +271,8 @@ class _Process:
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._process.kill()
             self._process.wait()
+        if isinstance(self._process, subprocess.Popen) and self._process.stdin:
+            self._process.stdin.close()
         self._output.close()
 
     def _failure_message(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,11 +68,23 @@ def test_it_finds_the_face_of_another_video_wherever_the_last_one_was() -> None:
 
     face, new, used = portrait(), MediaPipeTracker(), MediaPipeTracker()
     aside = Frame(np.roll(face.frame.pixels, 75, axis=1))
-    assert used.initialize(aside, face.landmarks, face.camera).rotation is not None
+    there = replace(face.landmarks, points=face.landmarks.points + np.array([75, 0]))
+    assert used.initialize(aside, there, face.camera).rotation is not None
     once, again = (tracker.initialize(face.frame, face.landmarks, face.camera) for tracker in (new, used))
     assert once.rotation is not None
     np.testing.assert_array_equal(once.rotation, again.rotation)
     np.testing.assert_array_equal(once.translation, again.translation)
+
+
+def test_a_face_that_it_does_not_choose_is_lost() -> None:
+    from mien.baselines.mediapipe import MediaPipeTracker
+    from mien.synthetic import portrait
+
+    face, tracker = portrait(), MediaPipeTracker()
+    other = replace(face.landmarks, points=face.landmarks.points + np.array([2 * face.landmarks.size, 0]))
+    begun, later = tracker.initialize(face.frame, other, face.camera), tracker.track(face.frame)
+    assert (begun.rotation, later.rotation) == (None, None)
+    assert "another face in the first frame" in begun.reason == later.reason
 
 
 def test_frames_that_the_camera_cannot_have_taken_are_refused() -> None:

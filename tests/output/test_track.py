@@ -172,6 +172,15 @@ def test_what_is_read_of_a_track_cannot_be_changed(track: Track) -> None:
             values[0] = 0
 
 
+def test_a_landmark_whose_column_was_deleted_is_unknown(track: Track) -> None:
+    short = replace(track, table=track.table.drop_columns(["x_1"])).landmarks
+    assert short is not None
+    assert track.landmarks is not None
+    expected = track.landmarks.copy()
+    expected[:, 1, 0] = np.nan
+    np.testing.assert_array_equal(short, expected)
+
+
 def test_estimates_without_the_json_keep_their_landmarks(track: Track) -> None:
     first = next(replace(track, metadata={}).estimates())
     assert first.landmarks is not None

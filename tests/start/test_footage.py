@@ -114,6 +114,19 @@ def test_a_calibration_with_distortion_is_that_of_straight_images(distortion: An
     assert read_camera(file) == camera
 
 
+def test_no_coefficient_is_passed_over(tmp_path: Path) -> None:
+    file, bent = tmp_path / "c.json", [-0.3, 0.1, 0, 0, 0]
+    for name in ("D", "dist", "distCoeffs", "distortion_coefficients"):
+        file.write_text(json.dumps({"camera_matrix": K, name: bent}))
+        assert read_camera(file) == Camera.from_matrix(K, bent)
+        file.write_text(json.dumps({"camera_matrix": K, name: "none"}))
+        with pytest.raises(MienError, match=r"c\.json needs"):
+            read_camera(file)
+        file.write_text(json.dumps({"focal_px": 500, "cx": 160, "cy": 120, name: bent}))
+        with pytest.raises(MienError, match=rf'c\.json: {name} needs the "camera_matrix" of the same calibration'):
+            read_camera(file)
+
+
 def test_a_fisheye_is_known_by_its_model(tmp_path: Path) -> None:
     file = tmp_path / "c.json"
     calibration = {"camera_matrix": K, "dist_coeffs": [-0.03, 0.01, 0, 0], "distortion_model": "equidistant"}
@@ -123,6 +136,13 @@ def test_a_fisheye_is_known_by_its_model(tmp_path: Path) -> None:
     assert camera != Camera.from_matrix(K, [-0.03, 0.01, 0, 0])
     file.write_text(json.dumps({"camera": camera.to_dict()}))
     assert read_camera(file) == camera
+    file.write_text(json.dumps(calibration | {"distortion_model": "Kannala-Brandt"}))
+    assert read_camera(file) == camera
+    file.write_text(json.dumps(calibration | {"distortion_model": "division"}))
+    with pytest.raises(
+        MienError, match=r"c\.json: the distortion_model 'division' is not known; mien knows equidistant, "
+    ):
+        read_camera(file)
     file.write_text(json.dumps(calibration | {"dist_coeffs": [0.0] * 5}))
     with pytest.raises(MienError, match=r"c\.json: .* no distortion coefficients of a fisheye lens; give the 4 of"):
         read_camera(file)

@@ -17,20 +17,22 @@ from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import exp, log, similarity
-from mien.initialization.landmarks import Landmarks, rows_of_scheme, rows_reported
+from mien.initialization.landmarks import Landmarks, is_same_place, place_of, rows_of_scheme, rows_reported
 from mien.initialization.mediapipe_mesh import face_mesh, read_faces, silenced
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_next_of
 
 NOT_INSTALLED = "the tracker 'mediapipe' needs MediaPipe: pip install mediapipe==0.10.21 (Python 3.10 to 3.12)"
 NO_FACE = "MediaPipe sees no face"
 NO_MESH = "MediaPipe saw no face in the first frame, from which it would have had its mesh"
+OTHER_FACE = "MediaPipe chooses for itself and saw another face in the first frame than the one to track"
 
 
 class MediaPipeTracker:
     """MediaPipe 0.10.21 Face Mesh in video mode with refined landmarks.
 
-    It detects the face itself and ignores the landmarks given to `initialize`. It estimates neither animation nor
-    covariance; its confidence is 1 whenever it detects a face, as it reports none.
+    It detects the face itself, whatever landmarks are given to `initialize`; if it is another one than theirs, the face
+    is lost in all frames. It estimates neither animation nor covariance; its confidence is 1 whenever it detects a
+    face, as it reports none.
     """
 
     def __init__(self) -> None:
@@ -48,12 +50,15 @@ class MediaPipeTracker:
     def initialize(self, frame: Frame, landmarks: Landmarks, camera: Camera) -> Estimate:
         """Detect the face, and use its landmarks with their depths as the mesh."""
         self.size, self._camera = (frame.width, frame.height), camera
-        self._shape, self._lost = None, False
+        self._shape, self._lost, self._unlearned = None, False, NO_MESH
         with silenced():
             self._mesh.reset()  # it would look for the face where it has last seen one
             points = self._detect(frame)
         if points is None:
             return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
+        if not is_same_place(*place_of(self._reported(points)), *place_of(landmarks.correspondences()[1])):
+            self._unlearned = OTHER_FACE
+            return Estimate.lost(frame, OTHER_FACE, self._mm_per_unit)
         X = back_project(points, camera)
         vertices, rows = rows_of_scheme("mediapipe478")
         scale, R, t = similarity(self._model[vertices], X[rows].mean(axis=1))
@@ -68,7 +73,7 @@ class MediaPipeTracker:
         points = self._detect(frame)
         if points is None or self._shape is None:
             self._lost = True
-            return Estimate.lost(frame, NO_FACE if points is None else NO_MESH, self._mm_per_unit)
+            return Estimate.lost(frame, NO_FACE if points is None else self._unlearned, self._mm_per_unit)
         status, self._lost = Status.RECOVERED if self._lost else Status.TRACKED, False
         self._R, self._t = solve_pnp(self._shape, points[:, :2], self._camera, self._R, self._t)
         return self._estimate(frame, points, status)
@@ -76,7 +81,7 @@ class MediaPipeTracker:
     def _estimate(self, frame: Frame, points: Array, status: Status) -> Estimate:
         assert self._shape is not None
         X = self._shape[self._rows].mean(axis=1) @ self._R.T + self._t
-        seen = TrackedLandmarks(self._names, points[self._rows, :2].mean(axis=1), X)
+        seen = TrackedLandmarks(self._names, self._reported(points), X)
         return Estimate(
             frame.index,
             frame.time,
@@ -87,6 +92,10 @@ class MediaPipeTracker:
             confidence=1.0,
             mm_per_unit=self._mm_per_unit,
         )
+
+    def _reported(self, points: Array) -> Array:
+        """The reported landmarks (26, 2) of points (478, 3)."""
+        return np.asarray(points[self._rows, :2].mean(axis=1))
 
     def _detect(self, frame: Frame) -> Array | None:
         """Landmarks (478, 3) in pixels, the third coordinate a depth relative to the head's centre; None without a

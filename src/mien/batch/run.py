@@ -153,11 +153,17 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
         if any(file.stat().st_mtime > oldest for file in options.inputs):
             return None
         images = list_images(row.video) if row.video.is_dir() else ()
-        newer = any(file.stat().st_mtime > oldest for file in (row.video, *images))
+        newer = any(_changed(file) > oldest for file in (row.video, *images))
         if has_other_content(row.video, known["video"], newer):  # if it is older, too: what is renamed keeps its time
             return None
         return face_rows(replace(row, state=KEPT, note=_note(row, known)), faces)
     return None
+
+
+def _changed(file: Path) -> float:
+    """When a file was written, or replaced by one with an older time, in seconds; on Windows the former alone."""
+    known = file.stat()
+    return max(known.st_mtime, known.st_ctime)
 
 
 def _outcome(row: Row, ended: Ended, earlier: Mapping[Path, int]) -> list[Row]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -162,11 +162,15 @@ class Track:
 
     @cached_property
     def landmarks(self) -> Array | None:
-        """(n, m, 2) pixels."""
-        names = set(self.table.column_names)
-        count = next(i for i in itertools.count() if f"x_{i}" not in names)
-        x, y = (self._matrix([f"{axis}_{i}" for i in range(count)]) for axis in "xy")
-        return None if x is None or y is None else _fixed(np.stack([x, y], axis=-1))
+        """(n, m, 2) pixels; NaN where the table lacks the column of one."""
+        names = self.table.column_names
+        count = max((int(name[2:]) + 1 for name in names if re.fullmatch(r"[xy]_\d+", name)), default=0)
+        if not count:
+            return None
+        unknown = np.full(len(self), np.nan)
+        columns = (self._vector(f"{axis}_{i}") for i in range(count) for axis in "xy")
+        known = [unknown if column is None else column for column in columns]
+        return np.asarray(_fixed(np.stack(known, axis=-1).reshape(len(self), count, 2)))
 
     @cached_property
     def rest(self) -> tuple[Array, Array] | None:

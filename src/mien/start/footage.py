@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Generator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -22,8 +23,12 @@ from mien.geometry.camera import Camera
 from mien.initialization.landmarks import Point
 from mien.video import StraightVideo, Video, check_interval, expected_count, select, warn_of_another_size
 
-_FISHEYE = ("equidistant", "fisheye")
-"""How calibration files name the model of a fisheye lens, whose coefficients have another meaning."""
+_FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4")
+_NO_FISHEYE = ("plumb_bob", "rational_polynomial", "radtan", "brown_conrady", "pinhole", "opencv")
+"""How calibration files name the model of a fisheye lens, whose coefficients have another meaning, and those that
+OpenCV has for other lenses."""
+_COEFFICIENTS = re.compile(r"d|dist|dist_?coeff.*|distortion(?!_model).*", re.IGNORECASE)
+"""How they name the coefficients."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +183,8 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
             values = values.get("camera", values)
         if "camera_matrix" in values:
             return _calibrated(values)
+        bent = ", ".join(name for name, value in values.items() if _COEFFICIENTS.fullmatch(name) and value)
+        require(not bent, f'{bent} needs the "camera_matrix" of the same calibration')
         log_sd = float(values.get("focal_log_sd", 0.0))
         if "cx" in values or "cy" in values:
             focal_px, cx, cy = (float(values[name]) for name in ("focal_px", "cx", "cy"))
@@ -215,11 +222,14 @@ def _pixels(stated: Any, name: str) -> int | None:
 
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:
-    """The camera of a calibration, whose distortion coefficients are all lists that are named like "dist_coeffs"."""
-    lists = [(name, value) for name, value in values.items() if isinstance(value, (list, dict))]
-    distortion = [_flat(value) for name, value in lists if name.lower().startswith("dist")]
-    K, fisheye = _flat(values["camera_matrix"]).reshape(3, 3), values.get("distortion_model") in _FISHEYE
-    return Camera.from_matrix(K, np.concatenate([[], *distortion]), fisheye=fisheye)
+    """The camera of a calibration, whose distortion coefficients are all that is named like "dist_coeffs"."""
+    named = [(name, value) for name, value in values.items() if _COEFFICIENTS.fullmatch(name)]
+    distortion = [_flat(value) for _, value in named if value is not None]
+    model = str(values.get("distortion_model") or _NO_FISHEYE[0]).lower().replace(" ", "_").replace("-", "_")
+    known = (*_FISHEYE, *_NO_FISHEYE)
+    require(model in known, f"the distortion_model {model!r} is not known; mien knows {', '.join(known)}")
+    K = _flat(values["camera_matrix"]).reshape(3, 3)
+    return Camera.from_matrix(K, np.concatenate([[], *distortion]), fisheye=model in _FISHEYE)
 
 
 def _flat(values: Any) -> Array:
