@@ -34,11 +34,13 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Command:
-    """A command line, its display name, and variables added to its environment."""
+    """A command line, its display name, and variables added to its environment. watching: whether it calls
+    `end_with_caller`, for which its standard input is held open."""
 
     name: str
     arguments: Sequence[str]
     environment: Mapping[str, str] = field(default_factory=dict)
+    watching: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,23 +60,23 @@ class Call:
 
     @property
     def command(self) -> Command:
-        """The equivalent command line, for a new process whose standard input its caller holds open."""
+        """The equivalent command line, for a new process."""
         module, _, function = self.function.partition(":")
         code = (
             f"import sys; from {__name__} import end_with_caller; end_with_caller(); "
             f"from {module} import {function}; {function}(*sys.argv[1:])"
         )
-        return Command(self.name, (sys.executable, "-c", code, *self.arguments), self.environment)
+        return Command(self.name, (sys.executable, "-c", code, *self.arguments), self.environment, watching=True)
 
 
 def end_with_caller() -> None:
-    """Let this process end once its standard input does, which the process that runs it holds open."""
+    """Let this process end once its standard input does, which the process that wants its result holds open."""
     _end_after(lambda: os.read(0, 1))
 
 
 def _end_after(wait: Callable[[], object]) -> None:
-    """Ask this process to terminate once `wait` returns, which waits for the end of the process that wants its result:
-    killed, that can tell nobody, and a later run would find its files written by this one."""
+    """Terminate this process once `wait` returns, which waits for the end of the one that wants its result: killed,
+    that can stop nobody, and this would write over the files of a later run."""
 
     def watch() -> None:
         wait()
@@ -221,16 +223,15 @@ class _Process:
         self._output = tempfile.NamedTemporaryFile()  # noqa: SIM115
         self._start = time.monotonic()
         self._process: subprocess.Popen[bytes] | _Forked
-        stdin = subprocess.DEVNULL
         if isinstance(command, Call):
             if forked:
                 with suppress(OSError):  # the path of its socket may be too long
                     self._process = _Forked(command, self._output.name)
                     return
-            command, stdin = command.command, subprocess.PIPE
+            command = command.command
         self._process = subprocess.Popen(
             list(command.arguments),
-            stdin=stdin,
+            stdin=subprocess.PIPE if command.watching else subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
             env={**os.environ, "PYTHONUNBUFFERED": "1", **command.environment},  # what was printed last is last

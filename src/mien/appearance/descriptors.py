@@ -62,10 +62,13 @@ def _triangle(cell: int) -> Float32:
     return np.asarray(np.arange(cell, -1, -1, dtype=np.float32) / cell**2)
 
 
-def describe(maps: Float32, points: Array, cell: int, root: float = 0.0) -> Float32:
-    """Descriptors of unit length (n, 128) at image points (n, 2)."""
+def describe(
+    maps: Float32, points: Array, cell: int, root: float = 0.0, angle: float = 0.0, scale: float = 1.0
+) -> Float32:
+    """Descriptors of unit length (n, 128) at image points (n, 2). angle: that for which the maps were made; scale: of
+    the grid, beside the cell that they were smoothed for."""
     out = np.empty((len(points), LENGTH), np.float32)
-    describe_into(maps, points, (cell, root, 0.0, 1.0), out, None, rigid(len(points)))
+    describe_into(maps, points, (cell, root, angle, scale), out, None, rigid(len(points)))
     return out
 
 

@@ -216,7 +216,7 @@ def frame_variance(d2: float, seen: float) -> float:
 
 
 def systematic_covariance(
-    R: Array, seen_from: Array, first: Reference, relief: ReliefError, expression: float
+    R: Array, seen_from: Array, first: Reference, relief: ReliefError, expression: float = 0.0
 ) -> Array:
     """Covariance (3, 3) of the part of w that comes from the model and not from the frame: from the relief, the head's
     axes, and an expression. seen_from: (3,) from where, `Pose.seen_from`; expression: squared length of how far the
