@@ -56,7 +56,9 @@ class MediaPipeTracker:
             points = self._detect(frame)
         if points is None:
             return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
-        if not is_same_place(*place_of(self._reported(points)), *place_of(landmarks.correspondences()[1])):
+        given = landmarks.reported()
+        seen = self._reported(points)[[self._names.index(name) for name in given]]
+        if not is_same_place(*place_of(seen), *place_of(np.array(list(given.values())))):
             self._unlearned = OTHER_FACE
             return Estimate.lost(frame, OTHER_FACE, self._mm_per_unit)
         X = back_project(points, camera)
