@@ -12,6 +12,7 @@ from mien.candide.model import Candide
 from mien.errors import MienError
 from mien.geometry.camera import Camera
 from mien.geometry.rotation import FACING, exp, log
+from mien.initialization.landmarks import LANDMARK_NAMES, Landmarks
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mediapipe") is None, reason="the extra `auto` is not installed"
@@ -85,6 +86,21 @@ def test_a_face_that_it_does_not_choose_is_lost() -> None:
     begun, later = tracker.initialize(face.frame, other, face.camera), tracker.track(face.frame)
     assert (begun.rotation, later.rotation) == (None, None)
     assert "another face in the first frame" in begun.reason == later.reason
+
+
+def test_landmarks_of_any_scheme_are_those_of_the_face_that_it_sees() -> None:
+    """Also of one with a landmark that it has not."""
+    from mien.baselines.mediapipe import MediaPipeTracker
+    from mien.synthetic import portrait
+
+    face, tracker = portrait(), MediaPipeTracker()
+    names = [name for name in LANDMARK_NAMES if name != "chin_boss"]
+    known = face.landmarks.reported()
+    points = np.array([known.get(name, known["lower_lip_outer"]) for name in LANDMARK_NAMES])
+    assert set(names) <= known.keys()
+    own = Landmarks(points, "candide26")
+    assert "chin_boss" in own.reported()
+    assert tracker.initialize(face.frame, own, face.camera).rotation is not None
 
 
 def test_frames_that_the_camera_cannot_have_taken_are_refused() -> None:

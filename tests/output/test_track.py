@@ -179,6 +179,8 @@ def test_a_landmark_whose_column_was_deleted_is_unknown(track: Track) -> None:
     expected = track.landmarks.copy()
     expected[:, 1, 0] = np.nan
     np.testing.assert_array_equal(short, expected)
+    own = replace(track, table=track.table.append_column("x_20240131", track.table["timestamp"])).landmarks
+    np.testing.assert_array_equal(own, track.landmarks)
 
 
 def test_estimates_without_the_json_keep_their_landmarks(track: Track) -> None:

@@ -127,6 +127,15 @@ def test_no_coefficient_is_passed_over(tmp_path: Path) -> None:
             read_camera(file)
 
 
+def test_coefficients_of_zero_say_nothing(tmp_path: Path) -> None:
+    """As cameras state that straighten their images themselves, whatever model they name."""
+    file, straight = tmp_path / "c.json", [0.0] * 5
+    file.write_text(json.dumps({"camera_matrix": K, "D": straight, "distortion_model": "inverse_brown_conrady"}))
+    assert read_camera(file) == Camera.from_matrix(K)
+    file.write_text(json.dumps({"focal_px": 500, "cx": 160, "cy": 120, "D": straight}))
+    assert read_camera(file) == Camera(500, 160, 120)
+
+
 def test_a_fisheye_is_known_by_its_model(tmp_path: Path) -> None:
     file = tmp_path / "c.json"
     calibration = {"camera_matrix": K, "dist_coeffs": [-0.03, 0.01, 0, 0], "distortion_model": "equidistant"}

@@ -17,7 +17,7 @@ from mien.errors import MienError
 from mien.frame import Frame
 from mien.geometry.camera import Camera, back_project
 from mien.geometry.rotation import exp, log, similarity
-from mien.initialization.landmarks import Landmarks, is_same_place, place_of, rows_of_scheme, rows_reported
+from mien.initialization.landmarks import Landmarks, in_common, is_same_place, place_of, rows_of_scheme, rows_reported
 from mien.initialization.mediapipe_mesh import face_mesh, read_faces, silenced
 from mien.tracking.state import Estimate, Status, TrackedLandmarks, require_next_of
 
@@ -56,9 +56,8 @@ class MediaPipeTracker:
             points = self._detect(frame)
         if points is None:
             return Estimate.lost(frame, NO_FACE, self._mm_per_unit)
-        given = landmarks.reported()
-        seen = self._reported(points)[[self._names.index(name) for name in given]]
-        if not is_same_place(*place_of(seen), *place_of(np.array(list(given.values())))):
+        seen, given = in_common(dict(zip(self._names, self._reported(points), strict=True)), landmarks.reported())
+        if not is_same_place(*place_of(seen), *place_of(given)):
             self._unlearned = OTHER_FACE
             return Estimate.lost(frame, OTHER_FACE, self._mm_per_unit)
         X = back_project(points, camera)
@@ -96,7 +95,7 @@ class MediaPipeTracker:
         )
 
     def _reported(self, points: Array) -> Array:
-        """The reported landmarks (26, 2) of points (478, 3)."""
+        """The reported landmarks (25, 2) of points (478, 3)."""
         return np.asarray(points[self._rows, :2].mean(axis=1))
 
     def _detect(self, frame: Frame) -> Array | None:

@@ -150,7 +150,7 @@ def _kept_rows(row: Row, options: BatchOptions) -> list[Row] | None:
         if faces not in range(1, options.faces + 1):
             return None
         oldest = min(file.stat().st_mtime for file in options.files_of(row.table, faces))
-        if any(file.stat().st_mtime > oldest for file in options.inputs):
+        if any(_changed(file) > oldest for file in options.inputs):
             return None
         images = list_images(row.video) if row.video.is_dir() else ()
         newer = any(_changed(file) > oldest for file in (row.video, *images))

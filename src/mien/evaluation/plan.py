@@ -174,10 +174,7 @@ def _require_known(tracker: str) -> None:
     require(name in TRACKERS or bool(argument), unknown_tracker(tracker))
     if name == "openface":
         require(bool(argument), "openface needs a CSV or a folder of them: --trackers openface:PATH")
-        file = file_of(tracker)
-        require(
-            file is not None and exists(file), f"{argument} does not exist; give OpenFace's CSV, or a folder of them"
-        )
+        require(is_tracker(tracker), f"{argument} does not exist; give OpenFace's CSV, or a folder of them")
     argument_of(tracker)  # report invalid settings once, now, and not for every sequence
     require(
         name in TRACKERS or code_of(tracker) is not None,

@@ -347,6 +347,13 @@ def place_of(points: Array) -> Place:
     return 0.5 * (low + high), float((high - low).max())
 
 
+def in_common(points: Mapping[str, Array], others: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Those of two sets of points (2,) by name that both have, (n, 2) each."""
+    names = [name for name in points if name in others]
+    one, other = (np.array([of[name] for name in names]) for of in (points, others))
+    return one, other
+
+
 def is_same_place(
     centre: Array, size: Array | float, other_centre: Array, other_size: Array | float, within: float = SAME_PLACE
 ) -> Mask:

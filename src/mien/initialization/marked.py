@@ -16,7 +16,7 @@ from mien.arrays import Array
 from mien.errors import warn
 from mien.frame import Frame
 from mien.geometry.camera import Camera
-from mien.initialization.landmarks import Landmarks, place_of
+from mien.initialization.landmarks import Landmarks, in_common, place_of
 from mien.initialization.straight import straightened
 
 _ALIKE = 0.06
@@ -48,9 +48,8 @@ def completed(frame: Frame, marks: Landmarks, camera: Camera) -> Landmarks:
 def _moved_onto(marks: Landmarks, face: Landmarks) -> Landmarks | None:
     """A detected face moved onto marks; None if it is another one, or elsewhere."""
     assert face.depths is not None, "a detected face has depths"
-    marked, found = marks.reported(), face.reported()
-    names = [name for name in marked if name in found]
-    to, at = (np.array([points[name] for name in names]) for points in (marked, found))
+    marked = marks.reported()
+    to, at = in_common(marked, face.reported())
     if _distance(at, to) > _THERE * marks.size:
         return None
     at = np.column_stack([at, np.ones(len(at))])

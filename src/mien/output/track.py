@@ -164,13 +164,15 @@ class Track:
     def landmarks(self) -> Array | None:
         """(n, m, 2) pixels; NaN where the table lacks the column of one."""
         names = self.table.column_names
-        count = max((int(name[2:]) + 1 for name in names if re.fullmatch(r"[xy]_\d+", name)), default=0)
+        numbers = (int(name[2:]) for name in names if re.fullmatch(r"[xy]_\d+", name))
+        count = 1 + max((i for i in numbers if i < len(names)), default=-1)  # a column like x_20240131 is a user's own
         if not count:
             return None
         unknown = np.full(len(self), np.nan)
         columns = (self._vector(f"{axis}_{i}") for i in range(count) for axis in "xy")
         known = [unknown if column is None else column for column in columns]
-        return np.asarray(_fixed(np.stack(known, axis=-1).reshape(len(self), count, 2)))
+        points: Array = np.stack(known, axis=-1).reshape(len(self), count, 2)
+        return _fixed(points)
 
     @cached_property
     def rest(self) -> tuple[Array, Array] | None:

@@ -183,7 +183,7 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
             values = values.get("camera", values)
         if "camera_matrix" in values:
             return _calibrated(values)
-        bent = ", ".join(name for name, value in values.items() if _COEFFICIENTS.fullmatch(name) and value)
+        bent = ", ".join(name for name, numbers in _coefficients(values).items() if numbers.any())
         require(not bent, f'{bent} needs the "camera_matrix" of the same calibration')
         log_sd = float(values.get("focal_log_sd", 0.0))
         if "cx" in values or "cy" in values:
@@ -223,13 +223,21 @@ def _pixels(stated: Any, name: str) -> int | None:
 
 def _calibrated(values: Mapping[str, Any]) -> Camera:
     """The camera of a calibration, whose distortion coefficients are all that is named like "dist_coeffs"."""
-    named = [(name, value) for name, value in values.items() if _COEFFICIENTS.fullmatch(name)]
-    distortion = [_flat(value) for _, value in named if value is not None]
+    distortion = np.concatenate([[], *_coefficients(values).values()])
     model = str(values.get("distortion_model") or _NO_FISHEYE[0]).lower().replace(" ", "_").replace("-", "_")
     known = (*_FISHEYE, *_NO_FISHEYE)
-    require(model in known, f"the distortion_model {model!r} is not known; mien knows {', '.join(known)}")
+    require(
+        model in known or not distortion.any(),
+        f"the distortion_model {model!r} is not known; mien knows {', '.join(known)}",
+    )
     K = _flat(values["camera_matrix"]).reshape(3, 3)
-    return Camera.from_matrix(K, np.concatenate([[], *distortion]), fisheye=model in _FISHEYE)
+    return Camera.from_matrix(K, distortion, fisheye=model in _FISHEYE)
+
+
+def _coefficients(values: Mapping[str, Any]) -> dict[str, Array]:
+    """The distortion coefficients of a calibration, by the names that they have there."""
+    named = {name: value for name, value in values.items() if _COEFFICIENTS.fullmatch(name)}
+    return {name: _flat(value) for name, value in named.items() if value is not None}
 
 
 def _flat(values: Any) -> Array:
