@@ -55,7 +55,7 @@ def _places(lens: Lens, width: int, height: int) -> tuple[Float32, Float32]:
     K, coefficients = np.array(lens.camera_matrix), np.array(lens.dist_coeffs)
     pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1).reshape(-1, 1, 2)
     precise = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-    straight = cv2.undistortPointsIter(pixels, K, coefficients, np.eye(3), K, precise)
+    straight = cv2.undistortImagePoints(pixels, K, coefficients, None, precise)
     columns, rows = straight.reshape(height, width, 2).astype(np.float32).transpose(2, 0, 1)
     return columns, rows
 

@@ -82,9 +82,12 @@ def bent(image: Pixels, lens: Lens) -> Pixels:
     coefficients = np.array(lens.dist_coeffs or (0.0,) * 4)
     precise = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
     plain = K * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]  # without its skew
-    undistorted = cv2.fisheye.undistortPoints if lens.fisheye else cv2.undistortPointsIter
-    how = {"criteria": precise}
-    of_straight = undistorted(pixels.reshape(-1, 1, 2), plain, coefficients, R=np.eye(3), P=lens.straight_matrix, **how)
+    points, straight = pixels.reshape(-1, 1, 2), np.array(lens.straight_matrix)
+    if lens.fisheye:
+        of_straight = cv2.fisheye.undistortPoints(points, plain, coefficients, None, np.eye(3), straight, precise)
+    else:
+        of_plain = cv2.undistortImagePoints(points, plain, coefficients, None, precise)
+        of_straight = cv2.perspectiveTransform(of_plain, straight @ np.linalg.inv(plain))
     columns, rows = of_straight.reshape(height, width, 2).astype(np.float32).transpose(2, 0, 1)
     return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 

@@ -74,7 +74,7 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
 def test_every_variant_follows_a_small_motion(kernel: str, innovation: str) -> None:
     settings = PaperSettings.model_validate(
         {"descriptor": DescriptorSettings().model_dump() | {"kernel": kernel}, "innovation": innovation}
-        | {"view_step_deg": 30, "simplex_evaluations": 150 if kernel == "opencv" else 500}
+        | {"view_step_deg": 30, "simplex_evaluations": 500}
     )
     sequence = small_motion()
     assert errors_of_all_deg(run(PaperTracker(settings), sequence), sequence)[-1] < 8

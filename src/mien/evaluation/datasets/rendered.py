@@ -110,7 +110,8 @@ def _read_npz(path: Path) -> Mapping[str, Any]:
     try:
         with np.load(path) as file:
             return dict(file)
-    except (OSError, ValueError, TypeError, EOFError, BadZipFile, zlib.error) as e:  # TypeError: of a single array
+    # Of a single array TypeError, on Python 3.10 AttributeError.
+    except (OSError, ValueError, TypeError, AttributeError, EOFError, BadZipFile, zlib.error) as e:
         raise MienError(f"{path} is not a readable npz file ({e}); create it again") from e
 
 
