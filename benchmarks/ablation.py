@@ -196,6 +196,7 @@ TRACKERS: dict[str, Callable[[], RealtimeTracker]] = {
     "rest of the mouth as firm as the brows'": _set("rest", mouth=0.7, mouth_firmness=22, jaw_firmness=11),
     "animation units believed entirely": _set("misplacement", unit_error=0),
     "expressive frames teach the shape too": _set("shape", expression_sd=1e6),
+    "a face that seems at rest may move where the shape is learned": _set("shape", rest_sd=1e3, rest_jaw_sd=1e3),
     "eyes at the depth of the rest": _set("shape", eyes_sd=0),
     "landmarks weigh alike wherever they are found": _set("misplacement", rate=0),
     "detector's depths ignored": WithoutDepths,

@@ -25,10 +25,11 @@ def test_shape_information_is_a_schur_complement() -> None:
         rng.normal(size=(N, 4)),
     )
     B[:, 2:, 3:] = 0  # the angles depend on the rotation alone
-    weight, R, regularizer = rng.uniform(0, 1, N), exp(np.array([0.1, 0.2, 0.3])), rng.uniform(0.1, 1, 12)
+    weight, R = rng.uniform(0, 1, N), exp(np.array([0.1, 0.2, 0.3]))
+    prior = rng.uniform(0.1, 1, 12), rng.normal(size=12)
     weight[2] = 0
     H, gradient = np.zeros((12 + 3 * N, 12 + 3 * N)), np.zeros(12 + 3 * N)
-    H[:12, :12] = np.diag(regularizer)
+    H[:12, :12], gradient[:12] = np.diag(prior[0]), prior[1]
     for i in range(N):
         J = np.zeros((4, 12 + 3 * N))
         J[:, :12] = B[i]
@@ -36,7 +37,7 @@ def test_shape_information_is_a_schur_complement() -> None:
         H += weight[i] * J.T @ M[i] @ J
         gradient += weight[i] * J.T @ g[i]
     A = np.linalg.solve(H[:12, :12], H[:12, 12:])
-    Lambda, found = shape_information(B, M, g, weight, R, regularizer)
+    Lambda, found = shape_information(B, M, g, weight, R, prior)
     np.testing.assert_allclose(Lambda, H[12:, 12:] - H[12:, :12] @ A, atol=1e-8)
     np.testing.assert_allclose(found, gradient[12:] - A.T @ gradient[:12], atol=1e-8)
     assert not Lambda[6:9].any()

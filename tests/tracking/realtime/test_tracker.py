@@ -265,6 +265,28 @@ def test_a_second_pass_knows_the_relief() -> None:
     np.testing.assert_array_equal(tracker.person.shape.mean, learned)  # the second learns on its own
 
 
+def test_lips_that_are_nearer_than_was_thought_soon_move_with_no_nod() -> None:
+    """The first frame's depths put the mouth a quarter of its width too far back, so that a nod seems to raise the
+    lip, until the shape has explained what every nod does."""
+    landmarks, states = face().landmarks, np.zeros((121, 3))
+    reported, depths = landmarks.reported(), landmarks.depths
+    assert depths is not None
+    right, left, middle = (
+        np.array(reported[name]) for name in ("right_mouth_corner_outer", "left_mouth_corner_outer", "lower_lip_outer")
+    )
+    width = float(np.linalg.norm(left - right))
+    across, down = ((landmarks.points - middle) / width).T
+    behind = np.exp(-0.5 * ((across / 0.45) ** 2 + (down / 0.3) ** 2))
+    states[1:, 0] = 15 * np.sin(2 * np.pi * np.arange(120) / 40)  # three nods
+    nods = make_sequence(face(), moved(face(), states, 0 * states, np.zeros((121, 6))), noise_sd=2)
+    tracker = RealtimeTracker()
+    first = tracker.initialize(nods.frames[0], replace(landmarks, depths=depths + width / 4 * behind), face().camera)
+    lip = [tracker.track(frame).animation[0] - first.animation[0] for frame in nods.frames[1:]]
+    raised = np.abs(np.reshape(lip, (3, 40))).max(axis=1)
+    assert raised[0] > 0.2
+    assert raised[2] < 0.5 * raised[0]
+
+
 def test_what_an_expression_moves_says_less() -> None:
     tracker = begun(sequence().frames[0])
     level = tracker.face.fine

@@ -93,7 +93,7 @@ _KERNELS: tuple[Kernel, ...] = (
     SOLVE,
     (motion.align,
      (_single(2), _PERSON, _array(3), tuple(_TEMPLATE), _array(1), tuple(_PRIOR), _VIEW, 0.0, 0.0, 1, 0.0)),
-    (shape.shape_information, tuple(_array(k) for k in (3, 3, 2, 1, 2, 1))),
+    (shape.shape_information, (*(_array(k) for k in (3, 3, 2, 1, 2)), (_array(1), _array(1)))),
     (shape._add, tuple(_array(k) for k in (2, 2, 2, 1, 1))),
     (level._trust, (_single(3), (_array(1), _array(1)), _array(1), 0.0)),
     (definite.inverse, (_array(2),)),

@@ -15,6 +15,7 @@ from mien.frame import Frame
 from mien.geometry.camera import Camera
 from mien.initialization.fit import FirstFrame
 from mien.initialization.landmarks import LANDMARK_NAMES, LANDMARK_VERTICES, Landmarks, opening_of
+from mien.tracking.prior import JAW_DROP
 from mien.tracking.realtime import pose_geometry
 from mien.tracking.realtime.adaptation import Adaptation
 from mien.tracking.realtime.covers import Covers
@@ -47,8 +48,8 @@ _BEHIND_MASK = [i for i in _NOSE if LANDMARK_NAMES[i] != "nose_bump"]
 _MOST_LEARNED = 0.7
 """Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
 the pose errors of the frames that it was learned from."""
-_STEP_INFORMATION = np.repeat([1e-6, 1 / 0.3**2], 6)
-"""Information of the pose step itself where it is marginalised: none of the rigid part, little of the animation."""
+_RIGID_INFORMATION = 1e-6
+"""Information of a step of the head itself where it is marginalised: none."""
 _SAME_PATCH = 0.9
 """Agreement (see `PatchHistory`) above which a patch has moved with the face."""
 _SHUT = 0.13
@@ -100,6 +101,8 @@ class Person:
             if before
             else ShapePosterior(face.neutral, face.normals, self.eyes | self.brows, fit.R, fit.t, s.shape)
         )
+        self._rest_information = np.full(6, s.shape.rest_sd**-2)
+        self._rest_information[JAW_DROP] = s.shape.rest_jaw_sd**-2
         self.look_covariance = LearnedCovariance(face.fine.appearance, s.covariance)
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s.adaptation)
         self.expected = np.full(n, s.weights.expected_distance)
@@ -271,14 +274,26 @@ class Person:
         share = self.adaptation.share(pose.angles)
         if self.adaptation.mean_share(share, solution.facing) > _MOST_LEARNED:
             return False
-        novelty = self.shape.novelty(pose.angles, pose.animation - self.rest)
+        moved = pose.animation - self.rest
+        novelty = self.shape.novelty(pose.angles, moved)
         if novelty == 0:
             return False
-        regularizer = novelty * _STEP_INFORMATION
         weight = novelty * solution.w * (1 - share)
         at = solution.at
-        Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, regularizer)
+        Lambda, gradient = shape_information(at.B, at.M, at.g, weight, pose.R, self._step_prior(moved, novelty))
         return self.shape.add(self.neutral, Lambda, gradient, novelty)
+
+    def _step_prior(self, moved: Array, novelty: float) -> tuple[Array, Array]:
+        """Information (12,) of a pose step from a solution, and the gradient (12,) of its energy, of a frame with a
+        novelty: nothing is known of the head, and its face, whose units are `moved` (6,) from rest, is mostly at rest.
+
+        Without the gradient a lip that lies deeper than was thought would for ever be one that rises with each nod."""
+        information = np.full(12, _RIGID_INFORMATION)
+        information[6:] = self._rest_information / (1 + (moved / self.settings.rest.within) ** 2)
+        information *= novelty
+        gradient = np.zeros(12)
+        gradient[6:] = information[6:] * moved
+        return information, gradient
 
 
 @kernel()

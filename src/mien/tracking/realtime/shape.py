@@ -106,11 +106,11 @@ def _add(information: Any, right_sides: Any, Lambda: Any, gradient: Any, moved: 
 
 
 @kernel()
-def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: Any) -> Any:
+def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, prior: Any) -> Any:
     """Information of one frame on the positions of the landmarks, with pose and animation marginalised.
 
-    B (n, 4, 12), M (n, 4, 4), g (n, 4): as left by `kernels.solve`; weight (n,); R (3, 3); regularizer (12,):
-    information of the pose step's own prior. Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in head
+    B (n, 4, 12), M (n, 4, 4), g (n, 4): as left by `kernels.solve`; weight (n,); R (3, 3); prior: information (12,) and
+    gradient (12,) of the pose step's own prior. Returns Lambda (3n, 3n) and the gradient (3n,) by the positions in head
     axes: the Schur complement of the pose step in the joint information.
     """
     n = B.shape[0]
@@ -118,7 +118,7 @@ def shape_information(B: Any, M: Any, g: Any, weight: Any, R: Any, regularizer: 
     Lambda, gradient = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
     X = np.empty((STATE_SIZE, 3 * n))  # the information of pose step and positions together, later L^-1 of it
     for k in range(STATE_SIZE):
-        H[k, k] = regularizer[k]
+        H[k, k], G[k] = prior[0][k], prior[1][k]
     for i in range(n):
         MB = add_landmark(M[i], g[i], B[i], weight[i], H, G)
         for r in range(3):
