@@ -329,7 +329,7 @@ class ShapeSettings(Settings):
     )
     rate: float = Field(0.8, ge=0, description="fraction of a frame's information that is independent")
     least_novelty: float = Field(0.05, ge=0, description="novelty below which a frame no longer updates the shape")
-    expression_sd: float = Field(0.16, gt=0, description="animation that halves a frame's weight in learning shape")
+    expression_sd: float = Field(0.14, gt=0, description="animation that halves a frame's weight in learning shape")
     rest_sd: float = Field(
         0.12, gt=0, description="standard deviation of units that seem at rest, beside what the shape may explain"
     )
