@@ -331,7 +331,7 @@ class ShapeSettings(Settings):
     least_novelty: float = Field(0.05, ge=0, description="novelty below which a frame no longer updates the shape")
     expression_sd: float = Field(0.14, gt=0, description="animation that halves a frame's weight in learning shape")
     rest_sd: float = Field(
-        0.12, gt=0, description="standard deviation of units that seem at rest, beside what the shape may explain"
+        0.12, gt=0, description="standard deviation of an animation unit about rest, where a frame teaches the shape"
     )
     rest_jaw_sd: float = Field(0.3, gt=0, description="the same, of jaw_drop, which moves readily")
     bin_deg: float = Field(4.0, gt=0, description="size of a pose bin, within which errors repeat")

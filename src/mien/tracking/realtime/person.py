@@ -284,10 +284,9 @@ class Person:
         return self.shape.add(self.neutral, Lambda, gradient, novelty)
 
     def _step_prior(self, moved: Array, novelty: float) -> tuple[Array, Array]:
-        """Information (12,) of a pose step from a solution, and the gradient (12,) of its energy, of a frame with a
-        novelty: nothing is known of the head, and its face, whose units are `moved` (6,) from rest, is mostly at rest.
-
-        Without the gradient a lip that lies deeper than was thought would for ever be one that rises with each nod."""
+        """Information (12,) of a pose step from a solution, and the gradient (12,) of its energy there, times the
+        novelty of the frame: of the head nothing is known, but a face, whose units are here `moved` (6,) from rest, is
+        mostly at rest. Else a lip that is nearer than was thought would rise with every nod for ever."""
         information = np.full(12, _RIGID_INFORMATION)
         information[6:] = self._rest_information / (1 + (moved / self.settings.rest.within) ** 2)
         information *= novelty
