@@ -268,7 +268,7 @@ def test_a_second_pass_knows_the_relief() -> None:
 def test_lips_that_are_nearer_than_was_thought_soon_move_with_no_nod() -> None:
     """The first frame's depths put the mouth a quarter of its width too far back, so that a nod seems to raise the
     lip, until the shape has explained what every nod does."""
-    landmarks, states = face().landmarks, np.zeros((121, 3))
+    landmarks, angles_deg, still = face().landmarks, np.zeros((121, 3)), np.zeros((121, 6))
     reported, depths = landmarks.reported(), landmarks.depths
     assert depths is not None
     right, left, middle = (
@@ -277,12 +277,13 @@ def test_lips_that_are_nearer_than_was_thought_soon_move_with_no_nod() -> None:
     width = float(np.linalg.norm(left - right))
     across, down = ((landmarks.points - middle) / width).T
     behind = np.exp(-0.5 * ((across / 0.45) ** 2 + (down / 0.3) ** 2))
-    states[1:, 0] = 15 * np.sin(2 * np.pi * np.arange(120) / 40)  # three nods
-    nods = make_sequence(face(), moved(face(), states, 0 * states, np.zeros((121, 6))), noise_sd=2)
+    angles_deg[1:, 0] = 15 * np.sin(2 * np.pi * np.arange(120) / 40)  # three nods
+    nods = make_sequence(face(), moved(face(), angles_deg, still[:, :3], still), noise_sd=2)
     tracker = RealtimeTracker()
     first = tracker.initialize(nods.frames[0], replace(landmarks, depths=depths + width / 4 * behind), face().camera)
-    lip = [tracker.track(frame).animation[0] - first.animation[0] for frame in nods.frames[1:]]
-    raised = np.abs(np.reshape(lip, (3, 40))).max(axis=1)
+    lip = TRACKED_UNITS.index("upper_lip_raiser")
+    moved_by = [tracker.track(frame).animation[lip] - first.animation[lip] for frame in nods.frames[1:]]
+    raised = np.abs(np.reshape(moved_by, (3, 40))).max(axis=1)
     assert raised[0] > 0.2
     assert raised[2] < 0.5 * raised[0]
 

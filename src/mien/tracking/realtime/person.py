@@ -26,6 +26,7 @@ from mien.tracking.realtime.look_covariance import LearnedCovariance
 from mien.tracking.realtime.misplacement import learn_misplacement, misplacement_variance
 from mien.tracking.realtime.pose import Pose
 from mien.tracking.realtime.pose_geometry import PersonArrays
+from mien.tracking.realtime.prior import student_information
 from mien.tracking.realtime.shape import ShapePosterior, shape_information
 from mien.tracking.realtime.solution import Solution
 from mien.tracking.state import Closing
@@ -48,8 +49,8 @@ _BEHIND_MASK = [i for i in _NOSE if LANDMARK_NAMES[i] != "nose_bump"]
 _MOST_LEARNED = 0.7
 """Share of the appearance learned in turns above which a frame teaches nothing of the shape: such an appearance carries
 the pose errors of the frames that it was learned from."""
-_RIGID_INFORMATION = 1e-6
-"""Information of a step of the head itself where it is marginalised: none."""
+_LEAST_INFORMATION = 1e-6
+"""Next to none: of a step of the head, and of units far from rest, where the shape is learned."""
 _SAME_PATCH = 0.9
 """Agreement (see `PatchHistory`) above which a patch has moved with the face."""
 _SHUT = 0.13
@@ -73,7 +74,7 @@ class Person:
     temples, which look alike on all faces; worn: (n,) which were learned as they lie on dark glasses or a mask; masked:
     (n,) on a mask; covers: what lies on the face; spectacles_evidence: logarithm of how much stranger the eyes look
     than the rest of a turned face, as a ratio of distances; learned_shut: whether the eyes were shut in the first
-    frame.
+    frame; firmness: (6,) of the animation about rest where the shape is learned, see `student_information`.
     """
 
     def __init__(
@@ -101,8 +102,8 @@ class Person:
             if before
             else ShapePosterior(face.neutral, face.normals, self.eyes | self.brows, fit.R, fit.t, s.shape)
         )
-        self._rest_information = np.full(6, s.shape.rest_sd**-2)
-        self._rest_information[JAW_DROP] = s.shape.rest_jaw_sd**-2
+        self.firmness = np.full(6, s.shape.rest_sd**-2 / _LEAST_INFORMATION)
+        self.firmness[JAW_DROP] = s.shape.rest_jaw_sd**-2 / _LEAST_INFORMATION
         self.look_covariance = LearnedCovariance(face.fine.appearance, s.covariance)
         self.adaptation = Adaptation(n, Pose(fit.R, fit.t, fit.animation).angles, s.adaptation)
         self.expected = np.full(n, s.weights.expected_distance)
@@ -287,10 +288,8 @@ class Person:
         """Information (12,) of a pose step from a solution, and the gradient (12,) of its energy there, times the
         novelty of the frame: of the head nothing is known, but a face, whose units are here `moved` (6,) from rest, is
         mostly at rest. Else a lip that is nearer than was thought would rise with every nod for ever."""
-        information = np.full(12, _RIGID_INFORMATION)
-        information[6:] = self._rest_information / (1 + (moved / self.settings.rest.within) ** 2)
-        information *= novelty
-        gradient = np.zeros(12)
+        information, gradient = np.full(12, novelty * _LEAST_INFORMATION), np.zeros(12)
+        information[6:] = student_information(information[6:], self.firmness, moved, self.settings.rest.within, 1.0)
         gradient[6:] = information[6:] * moved
         return information, gradient
 
